@@ -162,10 +162,7 @@ def judged(distance, variance, reason, alpha, adjust):
     """The `Changes` that distances and variances tell; ``adjust(pvalues)`` corrects those of the
     distances alone."""
     error = np.where(reason == 0, np.sqrt(variance), np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.abs(distance) / error
-    ratio[(distance == 0) & (error == 0)] = 0.0  # of exact points
-    pvalue = adjust(erfc(ratio / np.sqrt(2)))
+    pvalue = adjust(pvalues_of(distance, error))
     return Changes(distance, error, -ndtri(alpha / 2) * error, pvalue, pvalue < alpha, reason)
 
 
@@ -174,6 +171,14 @@ def columns_of(changes):
     columns = {name: getattr(changes, name).astype(np.float32) for name in Changes._fields[:4]}
     others = ("significant", "reason")
     return columns | {name: getattr(changes, name).astype(np.uint8) for name in others}
+
+
+def pvalues_of(distance, error):
+    """Two-sided, of each distance alone; not a number where there is none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.abs(distance) / error
+    ratio[(distance == 0) & (error == 0)] = 0.0  # of exact points
+    return erfc(ratio / np.sqrt(2))
 
 
 class Correction(NamedTuple):

@@ -169,12 +169,7 @@ class MeetingPlanes:
             _compiled("count_turned")(near, planes.normals, half_turn, turned)
             rows = np.flatnonzero(turned)
             if len(rows):
-                nearest = owners[rows]
-                least = FaceLimits().least_noise * planes.spacing[nearest]
-                least = np.maximum(least, np.finfo(float).tiny)
-                some = asked[rows], near.take(rows), planes, usable, least
-                best, *_ = explain(*some, likely=True)
-                owners[rows] = np.where(best < 0, nearest, best)  # what no plane reaches: nearest
+                owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
             owned = planes.take(owners)
             flat = are_faces(owned, self.usual)
             height = np.abs(np.einsum("md,md->m", asked - owned.centroids, owned.normals))
@@ -299,6 +294,15 @@ def _search(index, queries, n_jobs):
 def are_faces(planes, usual):
     """Whether planes are those of faces: flat, or the flatter half of all, `usual` at most."""
     return are_flat(planes, max(FaceLimits().flat, usual))
+
+
+def give_planes(queries, around, planes, usable):
+    """Of the planes of its neighbors, the one that explains each query best: their rows. `usable`
+    is True for all planes; an array, so that it is made once."""
+    nearest = around.indices[:, 0]
+    least = np.maximum(FaceLimits().least_noise * planes.spacing[nearest], np.finfo(float).tiny)
+    owners = explain(queries, around, planes, usable, least, likely=True)[0]
+    return np.where(owners < 0, nearest, owners)  # what no plane reaches has the nearest one's
 
 
 def _compiled(name):

@@ -12,7 +12,13 @@ from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
 from sklearn_mcmd.io._laz import compressed_parts, n_compressed
-from sklearn_mcmd.io._point_cloud import COLORS, PointCloud, PointFileError, fit_dtype, flat_columns
+from sklearn_mcmd.io._point_cloud import (
+    COLORS,
+    PointCloud,
+    PointFileError,
+    fit_dtype,
+    flat_columns,
+)
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 
 WRITTEN_AT_ONCE = 2_000_000  # points
@@ -226,18 +232,12 @@ def las_of_cloud(laspy, cloud, noise=None):
         header = copy.deepcopy(cloud.metadata["las_header"])
         if header.version.minor < 2:  # laspy does not write older ones, and they hold the same
             header.version = type(header.version)(1, 2)
-        for kind in (header.vlrs, header.evlrs or []):
-            for record in [r for r in kind if r.user_id == "copc"]:
-                kind.remove(record)  # an octree no longer describes the points
+        forget_copc(header)
         records = laspy.ScaleAwarePointRecord(
             cloud.metadata["las_points"].copy(), header.point_format, header.scales, header.offsets
         )
     else:
-        # LAS 1.4 without colors, on a grid that fits the coordinates.
-        header, scale = laspy.LasHeader(version="1.4", point_format=6), scale_of(cloud.xyz)
-        ends = zip(cloud.xyz.min(axis=0), cloud.xyz.max(axis=0), strict=True)
-        header.scales = np.full(3, scale)
-        header.offsets = np.array([offset_of(low, high, scale) for low, high in ends])
+        header = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     if cloud.metadata.get("denoised") and not is_denoised(header):
         header.vlrs.append(laspy.VLR(**DENOISED))
@@ -286,6 +286,13 @@ def import_laspy(compressed):
     return laspy
 
 
+def forget_copc(header):
+    """Remove the records of a COPC file's octree, which no longer describes the points."""
+    for records in (header.vlrs, header.evlrs or []):
+        for record in [r for r in records if r.user_id == "copc"]:
+            records.remove(record)
+
+
 def _coordinates(records, header):
     """Coordinates (n, 3): integers times scale plus offset, rounded in this order as in laspy."""
     xyz = np.empty((len(records), 3))
@@ -311,6 +318,16 @@ def _store_coordinates(las, xyz):
         records["XYZ"[i]] = steps.astype(np.int32)
     header.scales, header.offsets = scales, offsets
     las.points.scales, las.points.offsets = scales, offsets
+
+
+def _new_header(laspy, cloud):
+    """A LAS 1.4 header, without colors, on a grid that fits the coordinates."""
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
+    scale = scale_of(cloud.xyz)
+    header.scales = np.full(3, scale)
+    header.offsets = np.array([offset_of(a, b, scale) for a, b in zip(low, high, strict=True)])
+    return header
 
 
 def _store_attributes(laspy, las, attributes):

@@ -313,14 +313,14 @@ class _Table:
 
     def _parsed(self, lines):
         """The table of lines that NumPy can read, else None."""
-        converters = dict.fromkeys(self.gaps, lambda cell: float(number_of(cell.strip())))
+        converters = dict.fromkeys(self.gaps, _filled)
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
                 options = {"converters": converters, "comments": None, **LAYOUT}
                 table = np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, **options)
-        except (TypeError, ValueError):  # of words, which are no number
+        except ValueError:
             return None
         return table if table.shape[1] == len(self.names) else None
 
@@ -411,6 +411,13 @@ def _more(fields, delimiter, width):
     """What to say of a row of more columns, which may have decimals in columns of their own."""
     more = len(fields) > width and all(cell.lstrip("+-").isdecimal() for cell in fields)
     return "; if it has decimal commas, write points" * (more and delimiter == ",")
+
+
+def _filled(cell):
+    value = number_of(cell.strip())
+    if value is None:
+        raise ValueError
+    return value
 
 
 def _is_value(cell):

@@ -72,10 +72,7 @@ class ScaleFinder:
             if not todo.any():
                 return wanted
             errors, normals = fits or self._fit(k, np.ones(self.n, bool))
-            # It falls as the spread of the k points along the surface, k ** (1 / (d - 1)), and as
-            # their mean, k ** (1 / 2).
-            error = self._quiet(errors, todo) / noise_quantiles(limits.quiet, np.array([k]), d)
-            sizes = k * (error / limits.tilt) ** (1 / (1 / 2 + 1 / (d - 1)))
+            error, sizes = wanted_by(self._quiet(errors, todo), k, d, limits)
             settled = sizes <= 2 * k  # larger sizes follow from the next, twice as large
             if not settled.all():
                 fits = self._fit(2 * k, self._reached(todo))
@@ -172,6 +169,17 @@ def across_rows(n):
     """So many neighbors that a row of the n nearest is a face's share f of them, at most: of k in a
     disk it has the share ``sqrt(2 n / (pi k))``, which is f where ``k = 2 n / (pi f^2)``."""
     return 2 / (pi * AgreementLimits().face ** 2) * n
+
+
+def wanted_by(quiet, k, d, limits):
+    """The usual error (m,) of planes of k points, and how many points (m,) would have `tilt`.
+
+    `quiet` is the error that this share of those around do not exceed.
+    """
+    error = quiet / noise_quantiles(limits.quiet, np.array([k]), d)
+    # The error falls as the spread of the k points along the surface, k ** (1 / (d - 1)), and as
+    # their mean, k ** (1 / 2).
+    return error, k * (error / limits.tilt) ** (1 / (1 / 2 + 1 / (d - 1)))
 
 
 def are_turned(turns, error):

@@ -113,14 +113,13 @@ def plan_attributes(clouds, only=None):
     constants: list[dict] = [{} for _ in columns]
     for name in dict.fromkeys(name for table in columns for name in table):
         arrays = [table.get(name) for table in columns]
-        given = [values for values in arrays if values is not None]
-        first = given[0].ravel()[0]
-        if all((values == first).all() for values in given):
+        value = _only_value(arrays)
+        if value is None:
+            sources.append(_single(name, arrays))
+        else:
             for kept, values in zip(constants, arrays, strict=True):
                 if values is not None:
-                    kept[name] = first.item()
-        else:
-            sources.append(_single(name, arrays))
+                    kept[name] = value
     if only is not None:
         wanted = set(only)
         sources = [source for source in sources if is_wanted(source.info, wanted)]
@@ -175,6 +174,15 @@ def _join(columns, names, name, code):
         else None
         for table in columns
     ]
+
+
+def _only_value(arrays):
+    """The value that all points of all clouds share, or None."""
+    columns = [values for values in arrays if values is not None]
+    first = columns[0].ravel()[0]
+    if all((values == first).all() for values in columns):
+        return first.item()
+    return None
 
 
 def _single(name, arrays):

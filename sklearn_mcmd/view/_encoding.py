@@ -7,6 +7,7 @@ of neighbors, byte by byte.
 """
 
 import zlib
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -79,11 +80,9 @@ def shuffled(n_points, most):
 
 def pack_points(steps, rows, columns, blocks):
     """Pack the points of a cloud, in random order: add blocks of text, and return chunks."""
-    chunks: list[dict] = []
-    stop, size = 0, FIRST_CHUNK
-    while stop < len(rows):
-        start, stop = stop, min(stop + size, len(rows))
-        size = min(2 * size, LARGEST_CHUNK)
+    bounds = _chunk_bounds(len(rows))
+    chunks = []
+    for start, stop in pairwise(bounds):
         order = start + np.argsort(rows[start:stop])
         described = []
         for values in (
@@ -135,6 +134,15 @@ def _planes(values, width):
     """Bytes (width, n), the lowest first."""
     little = np.ascontiguousarray(values.astype("<u4"))
     return np.ascontiguousarray(little.view(np.uint8).reshape(-1, 4)[:, :width].T)
+
+
+def _chunk_bounds(n_points):
+    """0, the end of the first chunk, of the second ... Chunks double up to a limit."""
+    bounds, size = [0], FIRST_CHUNK
+    while bounds[-1] < n_points:
+        bounds.append(min(bounds[-1] + size, n_points))
+        size = min(2 * size, LARGEST_CHUNK)
+    return bounds
 
 
 def _decimal_step(clouds, low, finest, extent):

@@ -1,13 +1,18 @@
 """What has moved by cells, beside memory."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
 
 from sklearn_mcmd import CloudChange, RobustNormalEstimator
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.tiling import _change, process_files
-from sklearn_mcmd.tiling._halo import part_within
+from sklearn_mcmd.tiling._cells import Cells, CellWriter
+from sklearn_mcmd.tiling._halo import HOPS, part_within
 from tiled import but, goes_on, run_is_killed
 
 N = 4_500
@@ -189,3 +194,28 @@ def test_copies_and_sparse_clouds_are_warned_of(files, tmp_path):
         process_files(
             files[0], tmp_path / "a.las", CHANGE, second=files[0], tile_size=2_000, restart=True
         )
+
+
+def test_a_point_is_proven_only_if_its_rings_in_both_clouds_are_in_the_part(tmp_path):
+    """However few points of the second cloud are asked."""
+    X, k = bay(np.random.default_rng(1), n=30_000), 8
+    parts = []
+    for capacity in (len(X), 10_000):  # the first cloud is in one cell
+        (folder := tmp_path / str(capacity)).mkdir()
+        writer = CellWriter(folder, capacity)
+        writer.add(X, np.arange(len(X)))
+        writer.close()
+        parts.append(part_within(Cells(folder), 0, 0.02))
+    near, second = cKDTree(X).query(X, k)[1], parts[1]
+    known = np.isin(near, second.rows).all(axis=1)
+    proven = known
+    for _ in range(HOPS - 1):
+        proven = known & proven[near].all(axis=1)
+    beside = second.own & (second.depth > 0.15) & (second.depth < 0.3)  # the border, not at it
+    others = np.resize(np.flatnonzero(beside), len(X))
+    told = SimpleNamespace(others=others, reason=np.zeros(len(X), int))
+    n_proven = _change.count_proven(parts, (k, k), told, 1)
+    assert n_proven <= np.count_nonzero(proven[second.rows[others]])
+    of_all = np.zeros(len(second.rows), bool)
+    of_all[second.own], _ = second.proven(IndexedCloud.of(second.xyz), k, HOPS, 1)
+    assert n_proven == np.count_nonzero(of_all[others]) > 0.3 * len(X)
