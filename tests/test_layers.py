@@ -43,10 +43,10 @@ ROOMS = {room: set(below.split()) for room, below in ROOMS.items()}
 # Lines of each room, and of what stands beside the package.
 LINES = {
     **{"adjustment": 3712, "baselines": 1443, "change": 1099, "cli": 2591, "datasets": 1307},
-    **{"edges": 1119, "io": 3649, "metrics": 324, "normals": 1945},
+    **{"edges": 1119, "io": 3650, "metrics": 324, "normals": 1945},
     **{"outliers": 2156, "planes": 5559, "plotting": 789, "report": 1209, "runtime": 460},
     **{"segmentation": 2323, "sensors": 535, "tiling": 3364, "view": 790},
-    **{"benchmarks": 5550, "docs": 5735, "tests": 25167},
+    **{"benchmarks": 5550, "docs": 5735, "tests": 25177},
 }
 # Compiled functions are imported by strings.
 COMPILED = re.compile(r"\w+(\.\w+)*_numba")

@@ -34,6 +34,14 @@ def number_of(cell, comma=False):
         return np.nan if cell.lower() in MISSING else None
 
 
+def filled(cell):
+    """The number of a cell that may be missing; raises ValueError for words."""
+    value = number_of(cell.strip())
+    if value is None:
+        raise ValueError
+    return value
+
+
 def named_nans(line):
     """A line with nan and inf for what Windows writes, such as -1.#IND."""
     if "#" not in line and "(" not in line:

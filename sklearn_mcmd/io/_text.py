@@ -21,7 +21,7 @@ from sklearn_mcmd.io._column_names import (
     naming_columns,
     no_sentence,
 )
-from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
+from sklearn_mcmd.io._numerals import MISSING, filled, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -313,7 +313,7 @@ class _Table:
 
     def _parsed(self, lines):
         """The table of lines that NumPy can read, else None."""
-        converters = dict.fromkeys(self.gaps, _filled)
+        converters = dict.fromkeys(self.gaps, filled)
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
         try:
             with warnings.catch_warnings():
@@ -411,13 +411,6 @@ def _more(fields, delimiter, width):
     """What to say of a row of more columns, which may have decimals in columns of their own."""
     more = len(fields) > width and all(cell.lstrip("+-").isdecimal() for cell in fields)
     return "; if it has decimal commas, write points" * (more and delimiter == ",")
-
-
-def _filled(cell):
-    value = number_of(cell.strip())
-    if value is None:
-        raise ValueError
-    return value
 
 
 def _is_value(cell):

@@ -8,15 +8,17 @@ from sklearn_mcmd.tiling import TilingError, _run, _tasks, process_files
 from sklearn_mcmd.tiling._halo import Part
 from tiled import PCA, street
 
-# Tests in which the memory of a point is measured, as for users; each verb and option is in one.
-MEASURED = ("test_memory", "test_refusals", "test_one_cell_has", "test_intensity_with_rays")
-MEASURED += ("test_normals_look_at", "test_a_turn_is_recognized")
+
+@pytest.fixture
+def measured():
+    """For tests in which the memory of a point is measured, as for users: one of each verb and
+    option."""
 
 
 @pytest.fixture(autouse=True)
 def _memory_as_usual(request, monkeypatch):
     """It is measured by three fits, which are half of the work with a small file."""
-    if not any(name in request.node.nodeid for name in MEASURED):
+    if "measured" not in request.fixturenames:
         monkeypatch.setattr(_run, "bytes_of_point", lambda fit, xyz, n_neighbors: 3_000.0)
 
 

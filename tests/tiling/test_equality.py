@@ -33,6 +33,7 @@ PARAMS = [
 ]
 
 
+@pytest.mark.usefixtures("measured")
 @pytest.mark.parametrize("verb", [*VERBS, "auto"])
 @pytest.mark.parametrize("n", [3_000, 30])
 def test_one_cell_has_the_results_and_the_report_of_memory(verb, n, by_tiles, tmp_path):

@@ -15,6 +15,8 @@ from sklearn_mcmd.tiling._memory import (
 )
 from tiled import ESTIMATOR, but, street, written
 
+pytestmark = pytest.mark.usefixtures("measured")
+
 
 @pytest.mark.parametrize(
     ("text", "size"),

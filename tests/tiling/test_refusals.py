@@ -25,6 +25,8 @@ from tiled import (
     written,
 )
 
+pytestmark = pytest.mark.usefixtures("measured")
+
 N = 2_000
 NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
 ESTIMATORS = [

@@ -64,6 +64,7 @@ def test_outliers_with_one_position_are_those_of_memory(turn, assert_nearly_memo
     assert_nearly_memory(turn, but(OUTLIERS, **params).fit(read_points(turn).xyz), 100)
 
 
+@pytest.mark.usefixtures("measured")
 @pytest.mark.parametrize("strictness", ["groups", None])
 def test_a_turn_is_recognized_as_in_memory(tmp_path, assert_nearly_memory, strictness):
     xyz = make_lidar_turn(4_000, random_state=0).data
@@ -75,6 +76,7 @@ def test_a_turn_is_recognized_as_in_memory(tmp_path, assert_nearly_memory, stric
     assert assert_nearly_memory(path, fitted).sensor.get("sensor", "") == words
 
 
+@pytest.mark.usefixtures("measured")
 def test_intensity_with_rays_is_judged_as_in_memory(turn, tmp_path, assert_nearly_memory):
     xyz = np.unique(read_points(turn).xyz, axis=0)  # ranks of copies are those of memory nearly
     xyz = xyz[np.linalg.norm(xyz, axis=1) > 0.01]  # without silent rays
@@ -95,6 +97,7 @@ def test_outliers_along_a_trajectory_are_those_of_memory(drive, assert_nearly_me
     assert_nearly_memory(path, fitted, 30, sensor_origin=trajectory)
 
 
+@pytest.mark.usefixtures("measured")
 def test_normals_look_at_where_the_sensor_was_for_each_copy_of_a_point(drive, by_tiles):
     path, trajectory = drive
     estimator = but(ESTIMATOR, orientation="sensor", features="mean_curvature")
