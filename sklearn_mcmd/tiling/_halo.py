@@ -26,7 +26,7 @@ class HaloLimits(NamedTuple):
     """How far the halo of a cell is sought."""
 
     # The margin widens while more of the places that were asked may have neighbors beyond it.
-    incomplete: float = 0.02
+    incomplete: float = 0.01
     most: float = 4.0  # points to search at most, as a multiple of the cell's own
     trimmed: float = 0.9  # if more of the points searched are of rings, the others stay as well
     sample: int = 1_000  # points of a cell that tell how far neighbors are
