@@ -2,15 +2,12 @@
 
 import sys
 import warnings
-from contextvars import ContextVar
 from string import Template
 
 OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
 
 OF_ONE = {"are": "is", "do": "does", "have": "has", "were": "was"}
 OF_ONE |= {"are outliers": "is an outlier", "are edges": "is an edge"}
-
-works_for = ContextVar("works_for", default=None)  # the frame of who waits for a thread
 
 
 class _Message(Template):
@@ -51,19 +48,13 @@ def warn(message, **fields):
 
 
 def warn_caller(message, category=UserWarning):
-    """Warn at the line of the `caller`, however deep the work."""
-    frame = caller()
+    """Warn at the nearest line outside of this package and scikit-learn, however deep the work."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(OWN):
+        frame = frame.f_back
     known, place = frame.f_globals, (frame.f_code.co_filename, frame.f_lineno)
     registry = known.setdefault("__warningregistry__", {})
     warnings.warn_explicit(message, category, *place, known.get("__name__"), registry)
-
-
-def caller():
-    """The nearest frame outside of this package and scikit-learn, of who waits for a thread."""
-    frame = works_for.get() or sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(OWN):
-        frame = frame.f_back
-    return frame
 
 
 def counted(n, noun, verb="", *, of=None):

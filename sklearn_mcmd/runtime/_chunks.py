@@ -2,14 +2,11 @@
 
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import Context
-from functools import partial
 from threading import Lock
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd._errors import caller, works_for
 from sklearn_mcmd.runtime._progress import current_span
 
 ORDER_FROM = 10_000  # below this many points the order of memory does not matter
@@ -41,18 +38,6 @@ def each_slice(n, size, work, n_jobs):
 def slices(n, size):
     """Slices of at most `size` rows, up to n."""
     return [slice(start, min(start + size, n)) for start in range(0, n, size)]
-
-
-def ahead(items):
-    """Each of some items, while a thread makes the next."""
-    items, end, context = iter(items), object(), Context()
-    context.run(works_for.set, caller())
-    take = partial(next, items, end)
-    with ThreadPoolExecutor(1) as pool:
-        item = pool.submit(context.run, take)
-        while (made := item.result()) is not end:
-            item = pool.submit(context.run, take)
-            yield made
 
 
 def spatial_order(X):

@@ -150,21 +150,30 @@ def _n_around():
 
 def _views(parts, positions):
     """The same points as seen from each of some positions: `_View`, None if all are far away."""
+    if _are_far(parts):
+        return [None] * len(positions)
     # A spiral of golden angles at even heights spreads them evenly over the sphere.
     turns = np.arange(N_WINDOWS) * np.pi * (3 - np.sqrt(5))
     height = (2 * np.arange(N_WINDOWS) + 1) / N_WINDOWS - 1
     flat = np.sqrt(1 - height**2)
     windows = cKDTree(np.column_stack([flat * np.cos(turns), flat * np.sin(turns), height]))
     samples = [_Sample(position, windows) for position in positions]
-    bounds = []
     for xyz in parts():
-        if len(xyz):
-            bounds += [xyz.min(axis=0), xyz.max(axis=0)]
         for sample in samples:
             sample.add(xyz)
-    if not bounds or one_far_position(np.array(bounds), np.zeros((1, 3))):
-        return [None] * len(samples)
     return [sample.view() for sample in samples]
+
+
+def _are_far(parts):
+    """Whether all points are as far from the origin as of `one_far_position`; some may tell that
+    they are not."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for xyz in parts():
+        if len(xyz):
+            low, high = np.minimum(low, xyz.min(axis=0)), np.maximum(high, xyz.max(axis=0))
+            if not one_far_position(np.stack([low, high]), np.zeros((1, 3))):
+                return False
+    return True
 
 
 def _on_all_sides(directions):

@@ -21,7 +21,6 @@ from sklearn_mcmd.outliers._model import n_by_rays, warn_of_doubt
 from sklearn_mcmd.outliers._ray_evidence import doubt_of
 from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.report._volumes import losses_of
-from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._base import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._beside import (
@@ -159,7 +158,7 @@ class TiledOutliers(TiledVerb):
     def report(self, run, total):
         n_outliers, n_exact = map(int, total)
         return {
-            "together": losses_of(self.estimator, lambda: ahead(self._removed(run)), self.n_used),
+            "together": losses_of(self.estimator, lambda: self._removed(run), self.n_used),
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,

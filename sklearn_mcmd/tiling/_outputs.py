@@ -14,7 +14,6 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, sync_names
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las import writing_parts
-from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import check_unchanged, parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import TilingError, key_of, read_json, write_json
@@ -66,7 +65,7 @@ def write_outputs(run, verb):
         n_written = 0
         check_unchanged(path, stamp)
         with replacing(place) as temporary, writing_parts(temporary) as write:
-            for n, measured, made, marked in ahead(_made(verb, results, path, first)):
+            for n, measured, made, marked in _made(verb, results, path, first):
                 write(made, marked)
                 first, total = first + n, total + measured
                 n_written += len(made)

@@ -19,7 +19,6 @@ from sklearn_mcmd.planes._base import warn_if_few
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._resolution import coarse_warning
-from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._base import TiledRun
@@ -252,7 +251,7 @@ def _scatter(verb, catalogs, paths, folder, capacity):
     n_points, row = int(ends[-1]), 0
     writer = CellWriter(folder, capacity, np.min_scalar_type(n_points), verb.center)
     beside = verb.beside(folder)
-    for path, cloud, chosen in ahead(parts_of(paths, verb.choice)):
+    for path, cloud, chosen in parts_of(paths, verb.choice):
         xyz, rows = cloud.xyz[chosen], np.arange(row, row + len(cloud))[chosen]
         if len(xyz):
             writer.add(xyz, rows)

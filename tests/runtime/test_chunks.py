@@ -6,7 +6,7 @@ from time import sleep
 import pytest
 from joblib import Parallel, delayed, parallel_config
 
-from sklearn_mcmd.runtime._chunks import ahead, each_slice, run
+from sklearn_mcmd.runtime._chunks import each_slice, run
 
 
 @pytest.mark.parametrize("n_jobs", [None, 1, 2, 7, -1])
@@ -56,26 +56,3 @@ def test_an_error_in_any_thread_ends_the_work(kind, n_jobs):
     with pytest.raises(kind, match="broken"):
         run([(i,) for i in range(10**5)], work, n_jobs)
     assert len(begun) < 10**5
-
-
-def test_the_next_item_is_made_while_one_is_used():
-    made = Barrier(2, timeout=30)
-
-    def items():
-        yield 0
-        made.wait()
-        yield 1
-
-    def use(item):
-        if item == 0:
-            made.wait()  # for the one that makes the next
-        return item
-
-    assert [use(item) for item in ahead(items())] == [0, 1]
-
-
-def test_an_item_that_cannot_be_made_ends_the_work_when_it_is_asked_for():
-    used = []
-    with pytest.raises(ZeroDivisionError):
-        used.extend(ahead(1 / n for n in (1, 0, 2)))
-    assert used == [1]
