@@ -109,9 +109,9 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def street_file(tmp_path_factory):
-    """40,000 points, so that tiles are left when others are done, and the same with normals."""
+    """20,000 points, so that tiles are left when others are done, and the same with normals."""
     folder = tmp_path_factory.mktemp("street")
-    write_points(folder / "street.laz", street(40_000))
+    write_points(folder / "street.laz", street(20_000))
     process_files(folder / "street.laz", folder / "normals.laz", ESTIMATOR, tile_size=700)
     return folder / "street.laz", folder / "normals.laz"
 
