@@ -46,7 +46,7 @@ LINES = {
     **{"edges": 1119, "io": 3650, "metrics": 324, "normals": 1945},
     **{"outliers": 2156, "planes": 5559, "plotting": 789, "report": 1209, "runtime": 445},
     **{"segmentation": 2323, "sensors": 544, "tiling": 3361, "view": 790},
-    **{"benchmarks": 5550, "docs": 5739, "tests": 25170},
+    **{"benchmarks": 5550, "docs": 5740, "tests": 25170},
 }
 # Compiled functions are imported by strings.
 COMPILED = re.compile(r"\w+(\.\w+)*_numba")
