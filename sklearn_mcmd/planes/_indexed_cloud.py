@@ -1,6 +1,6 @@
 """A cloud in spatial order with the neighbors of its points, which all stages share."""
 
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import blake2b
 from threading import Lock
 from weakref import WeakValueDictionary
@@ -112,11 +112,13 @@ class IndexedCloud:
         distances[asking.order] = asking.distances(slice(None), in_order, self.search)
         return distances, near
 
-    def search_own(self, rows, k):
-        """The k nearest points of some of the points, whatever was kept."""
-        if self.search is not None:
-            return self.search.query(rows, k)
-        return query_tree(self.tree, self.points[rows], k)[1].astype(np.int32)
+    @property
+    def search_own(self):
+        """``search_own(rows, k)``, the k nearest of some of the points, whatever was kept.
+
+        It does not hold the cloud, whose table holds it: both are freed at once, without a cycle.
+        """
+        return partial(_search_tree, self.tree) if self.search is None else self.search.query
 
 
 _known: WeakValueDictionary = WeakValueDictionary()
@@ -125,6 +127,10 @@ _lock = Lock()
 
 def _key(X):
     return X.shape, blake2b(X, digest_size=16).digest()
+
+
+def _search_tree(tree, rows, k):
+    return query_tree(tree, tree.data[rows], k)[1].astype(np.int32)
 
 
 def distinct_rows(X):

@@ -20,9 +20,8 @@ PROCESS = 330e6  # bytes of a process with its compiled code
 PART = 250_000  # points read or written at once
 PART_POINT = 400  # bytes of a point while it is read or written
 IN_MEMORY = 1_100  # bytes of a point that is worked on without tiles, besides its record, at most
-MEASURED = 5_000, 15_000  # points of two fits, which tell what a point more takes
-# What NumPy takes is measured. Trees, work arrays of compiled code and what is freed late are more.
-UNSEEN = 1.4
+MEASURED = 10_000, 30_000  # points of two fits, which tell what a point more takes
+UNSEEN = 1.1  # What NumPy takes is measured. Trees and work arrays of compiled code are more.
 CELL_POINT = 200  # bytes of a point in a cell or its halo, besides the fit
 HALO = 1.2  # points of a cell with its halo, as a multiple of its own
 USUAL_CELL = 1_000_000  # points; the halo of larger ones takes hardly less time

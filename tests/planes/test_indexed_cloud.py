@@ -1,7 +1,9 @@
 """The index of a cloud, and who shares it."""
 
 import copy
+import gc
 import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -96,6 +98,20 @@ def test_pickles_and_copies_are_without_the_table():
     again = clone(fitted).fit(X)
     assert again._model.index.cloud is fitted._model.index.cloud
     assert_array_equal(again.normals_, fitted.normals_)
+
+
+@pytest.mark.parametrize("n", [100, 3_000])  # by SciPy's tree, and by the compiled search
+def test_a_cloud_and_its_table_are_freed_at_once(n):
+    gc.collect()
+    gc.disable()  # which would free a cycle some time later
+    try:
+        cloud = IndexedCloud(STREET[:n])
+        cloud.neighbors(slice(None), 12, 12)
+        freed = [weakref.ref(cloud), weakref.ref(cloud.table)]
+        del cloud
+        assert [ref() for ref in freed] == [None, None]
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("digits", [1, 3])
