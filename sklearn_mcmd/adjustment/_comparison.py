@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.adjustment._base import PlaneDetector, Variance, place_of
-from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
+from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile, welch
 from sklearn_mcmd.adjustment._tests import POWER, local_level, noncentrality
 
 CORNERS = 2**0.5  # rims to the farthest point of a square that stands on a corner
@@ -206,13 +206,10 @@ def _sides(plane):
 def _difference(value, values, roots, dofs, level, unit=1.0):
     """A `Difference` of this value, from its parts along all directions in radians or units, and
     the roots of their covariances."""
-    # Both clouds are independent, so covariances add up. Degrees of freedom of a sum of scales are
-    # Welch's: (sum of variances)^2 / sum of (variance^2 / dof).
+    # Both clouds are independent, so covariances add up.
     covariances = [root @ root.T for root in roots]
     values, k, together = np.asarray(values), len(values), sum(covariances)
-    traces = np.array([np.trace(c) for c in covariances])
-    parts = (traces**2 / np.maximum(dofs, 1)).sum()  # 0 of known scales
-    dof = traces.sum() ** 2 / parts if parts > 0 else np.inf
+    dof = welch([np.trace(c) for c in covariances], dofs)
     squared = values @ np.linalg.pinv(together, hermitian=True) @ values
     length, worst = np.linalg.norm(values), np.linalg.eigvalsh(together)[-1]
     along = values / (length or 1.0)

@@ -7,7 +7,6 @@ from scipy.special import chdtri
 
 from sklearn_mcmd._errors import fixed
 from sklearn_mcmd.adjustment._precision import quantile
-from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._tests import POWER, pvalue
 
 LEAST_ERROR = 1e-9  # the least standard error that is printed
@@ -41,7 +40,6 @@ class PlaneFigures(NamedTuple):
 
     parts: dict[str, list[Row]]
     tables: dict[str, Table]
-    reliability: PlaneReliability | None
 
     def rows(self):
         """The rows of all parts by their names, which differ."""
@@ -78,7 +76,7 @@ def plane_figures(
         worst = _worst_table(detector, X, reliability, n_worst)
         tables[f"{len(worst.rows)} largest test statistics"] = worst
     words = {title: _words(rows) for title, rows in parts.items() if rows}
-    return PlaneFigures(words, tables, reliability)
+    return PlaneFigures(words, tables)
 
 
 def _words(rows):

@@ -70,6 +70,12 @@ def quantile(level, dof, k=1):
     return float(-stdtrit(dof, (1 - level) / 2))
 
 
+def welch(variances, dofs):
+    """Degrees of freedom of a sum of estimated variances; infinite ones are of known scales."""
+    parts = (np.square(variances) / np.maximum(dofs, 1)).sum()
+    return np.sum(variances) ** 2 / parts if parts > 0 else np.inf
+
+
 def parameter_derivatives(plane):
     """Derivatives of unit normal (rows 0 to d - 1) and distance by whitened parameters, whose
     cofactor matrix is the identity.

@@ -138,7 +138,7 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
     with np.errstate(divide="ignore"):
         uncertainty = factor * scale / length * np.sqrt(1 / weights + spread)
     exceeded = np.abs(residuals) - uncertainty > half
-    passes = detector.labels_ == max(detector.labels_)  # all, if none passes
+    passes = detector.labels_ == detector.labels_.max()  # all, if none passes
     passed = X[passes]
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
 

@@ -13,7 +13,7 @@ from sklearn.utils import check_array, check_random_state
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.adjustment import BaardaPlaneDetector
-from sklearn_mcmd.adjustment._precision import parameter_derivatives
+from sklearn_mcmd.adjustment._precision import parameter_derivatives, welch
 from sklearn_mcmd.adjustment._tests import local_level
 from sklearn_mcmd.change._distances import on_known_sides
 from sklearn_mcmd.planes._quadrics import tangents_of
@@ -217,21 +217,19 @@ def _observe(first, second, at, center):
         (at - one._fitted.plane.center) @ up for one, up in ((first, normal), (second, other))
     )
     values = np.append(tangents @ other, near - far)
-    roots, parts = [], []
+    roots, squares, dofs = [], [], []
     for one in (first, second):
         scale, dof = one._scale_by("posterior")
         derivatives = scale * parameter_derivatives(one._fitted.plane)
         derivatives[-1] -= at @ derivatives[:-1]  # the distance from the place
         roots.append(np.vstack([tangents @ derivatives[:-1], derivatives[-1:]]))
-        parts.append((np.square(roots[-1][-1]).sum(), dof))  # of the offset, whatever the unit
+        squares.append(np.square(roots[-1][-1]).sum())  # of the offset, whatever the unit
+        dofs.append(dof)
     covariance = sum(root @ root.T for root in roots)
     # A turn w moves the normal by w x n, along a tangent e by w . (n x e).
     turns = np.hstack([np.zeros((2, 3)), np.cross(normal, tangents)])
     moves = np.vstack([turns, moves_of(at[None], normal[None], center)])
-    # Degrees of freedom of a sum are Welch's.
-    total = sum(squares for squares, _ in parts)
-    dof = total**2 / sum(squares**2 / max(dof, 1) for squares, dof in parts) if total else np.inf
-    return values, covariance, moves, dof, normal
+    return values, covariance, moves, welch(squares, dofs), normal
 
 
 class _Congruency:

@@ -90,9 +90,9 @@ def read_npz(path):
         grids = {name: a for name, a in arrays.items() if a.shape[:2] == shape}
         arrays |= {name: a.reshape(-1, *a.shape[2:]) for name, a in grids.items()}
     arrays = columns | arrays
-    per_point = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)}
-    others = {name: a for name, a in arrays.items() if name not in per_point}
-    return with_cells(PointCloud(xyz, per_point, {"npz_arrays": others} if others else {}), shape)
+    of_points = [name for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)]
+    attributes = {attribute_name(name): arrays.pop(name) for name in of_points}
+    return with_cells(PointCloud(xyz, attributes, {"npz_arrays": arrays} if arrays else {}), shape)
 
 
 def write_npy(path, cloud):

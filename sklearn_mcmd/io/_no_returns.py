@@ -40,7 +40,8 @@ class NoReturns:
 
     def warning(self, path):
         """What to warn of, or None if a few zeros are not amid large coordinates."""
-        n, n_left_out = self.n_zeros, self.n_left_out
+        n_left_out = self.n_left_out
+        n = n_left_out or self.n_zeros
         # A few are odd if more than half of the other points are far from them.
         if not n_left_out and (not n or 2 * self.n_large <= self.n_points - n):
             return None

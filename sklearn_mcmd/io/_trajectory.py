@@ -99,9 +99,10 @@ def trajectory_of(times, positions):
 def positions_at(cloud: PointCloud, trajectory: Trajectory) -> NDArray[np.float64]:
     """Where the sensor was for each point, by its time; see `sensor_origins`."""
     times = times_of(cloud)
+    if not len(times):
+        return np.empty((0, 3))
     positions = positions_of_times(times - time_shift(times, trajectory), trajectory)
-    if len(cloud):
-        warn_if_far(cloud.xyz.min(axis=0), cloud.xyz.max(axis=0), positions)
+    warn_if_far(cloud.xyz.min(axis=0), cloud.xyz.max(axis=0), positions)
     return positions
 
 

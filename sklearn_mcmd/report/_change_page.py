@@ -1,14 +1,12 @@
 """What a report says about what has moved."""
 
-from functools import partial
-
 import numpy as np
 
 from sklearn_mcmd.plotting import plot_cloud
 from sklearn_mcmd.plotting._displays import add_color_bar
 from sklearn_mcmd.plotting._still import color_modules
-from sklearn_mcmd.report._contents import Contents, Map, Table, note_if, share
-from sklearn_mcmd.report._maps import MOST_DRAWN, VIEWS, fullest_cells
+from sklearn_mcmd.report._contents import Contents, Table, note_if, share
+from sklearn_mcmd.report._maps import MOST_DRAWN, fullest_cells, maps
 
 MANY = 0.5  # share of moved points, of clouds that are off as a whole
 STEPS = 20  # bars of the histogram, an even number so that 0 is a border
@@ -61,7 +59,7 @@ def _maps(xyz, distance, drawn, unit):
         plot_cloud(xyz[rows], color=shades, view=view, scale_bar=True, ax=ax)
         add_color_bar(ax, shade, f"distance{unit and f' in{unit}'}")
 
-    return [Map(f"Distance, {words}", partial(plot, view)) for view, words in VIEWS.items()]
+    return maps("Distance", plot)
 
 
 def _histogram(distance, moved, unit):

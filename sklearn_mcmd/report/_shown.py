@@ -1,6 +1,7 @@
 """The points that a report shows: those of memory, or of files by tiles a sample that it states."""
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -90,16 +91,11 @@ def step_of(run):
     return -(-run.n_points // SAMPLE)
 
 
-def _parts(paths):
-    for path in paths:
-        yield from read_parts(path, PART)
-
-
 def sample_of(paths, step, names=()):
     """Every so many-th point of files, with these attributes."""
     columns: dict[str, list] = {name: [] for name in names}
     xyz, first = [], 0
-    for part in _parts(paths):
+    for part in chain.from_iterable(read_parts(path, PART) for path in paths):
         rows = slice((-first) % step, None, step)
         xyz.append(part.xyz[rows])
         for name in names:

@@ -40,6 +40,13 @@ def test_npz_arrays_of_another_length_are_kept_aside_and_not_applied(tmp_path):
         assert_array_equal(archive["offset"], offset)
 
 
+def test_npz_arrays_beside_xyz_that_are_called_like_coordinates_are_renamed(tmp_path):
+    np.savez(tmp_path / "a.npz", xyz=np.ones((5, 3)), x=np.arange(5), Z=np.arange(3))
+    cloud = read_points(tmp_path / "a.npz")
+    assert list(cloud.attributes) == ["x_value"]
+    assert list(cloud.metadata["npz_arrays"]) == ["Z"]
+
+
 @pytest.mark.parametrize("arrays", [{"x": 0, "y": 1, "z": 2}, {"cloud": [0, 1, 2]}])
 def test_npz_coordinates_may_have_other_names(tmp_path, arrays):
     table = np.arange(6.0).reshape(2, 3)

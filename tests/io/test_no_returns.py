@@ -79,6 +79,14 @@ def test_zeros_are_no_returns_where_more_points_have_one_coordinate_0(tmp_path, 
         assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
 
 
+def test_only_zeros_that_are_left_out_are_counted(tmp_path):
+    """Points nearer to the origin than a micrometer are none of them."""
+    points = np.vstack([OWN_FRAME, np.full((3, 3), 1e-7)])
+    np.save(tmp_path / "a.npy", np.vstack([points, np.zeros((20, 3))]))
+    with pytest.warns(UserWarning, match="a.npy: 20 of .* they are left out$"):
+        assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
+
+
 PARTED = [(SPINNING, 300), (-np.abs(SPINNING), 300), (HOLED, 33)]
 
 

@@ -93,6 +93,10 @@ def test_points_and_trajectories_that_do_not_fit_are_refused(cloud, path, messag
         sensor_origins(cloud, (SECONDS, path))
 
 
+def test_no_points_have_no_positions():
+    assert sensor_origins(points_at(SECONDS[:0]), (SECONDS, PATH)).shape == (0, 3)
+
+
 def test_a_trajectory_in_another_coordinate_system_is_warned_of():
     cloud = points_at(SECONDS)
     sensor_origins(cloud, (SECONDS, PATH + np.array([0, 0, 9_000])))  # a flight
