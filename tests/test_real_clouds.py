@@ -1,4 +1,4 @@
-"""Real clouds: no NaN, unit normals, results in the right order. Skipped where they are not."""
+"""Real clouds: no NaN, and methods in their known order. Skipped where the clouds are not."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 """ROBPCA and its parts: the MCD against scikit-learn and brute force, planted outliers,
-breakdown, equivariance."""
+breakdown."""
 
 from itertools import combinations
 

@@ -1,4 +1,4 @@
-"""Edges: against truth where it is known, by hand where a formula says, the same if moved."""
+"""Edges: against truth where it is known, by hand where a formula says."""
 
 import warnings
 

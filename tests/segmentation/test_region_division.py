@@ -1,4 +1,4 @@
-"""Which regions are divided at creases; and cells, patches and votes against literal forms."""
+"""Which regions are divided at creases; and votes against literal forms."""
 
 import numpy as np
 import pytest

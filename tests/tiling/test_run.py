@@ -81,7 +81,7 @@ def test_estimators_have_plain_parameters_and_no_threads_of_their_own(monkeypatc
     assert (growing.n_jobs, growing.normal_estimator.n_jobs) == (8, -1)
 
 
-def test_a_warning_of_the_thread_that_reads_ahead_names_the_line_of_the_caller(tmp_path):
+def test_a_warning_of_what_results_replace_names_the_line_of_the_caller(tmp_path):
     write_points(path := tmp_path / "a.las", street(3_000))
     las = laspy.read(path)
     las.add_extra_dim(laspy.ExtraBytesParams("normals", "3f8"))
