@@ -256,6 +256,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             labels than +1 and -1 or leaves too few points for a plane.
         """
         table = validate_points(self, X, ensure_min_features=2)
+        for name in ("outlier_detector_", "normal_estimator_", "_creases"):
+            vars(self).pop(name, None)  # of a fit with other parameters
         if self.normals == "precomputed" and self.criterion == "removed_fraction":
             raise ValueError(
                 "normals='precomputed' does not tell criterion='removed_fraction': take "
@@ -333,15 +335,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         if self.normals == "precomputed":
             return split_columns(X, d)
         check_extent(X)
-        nothing = np.empty(0)
-        return Columns(
-            coordinates=X,
-            normals=nothing,
-            surface_variation=nothing,
-            eigenvalues=nothing,
-            offset=nothing,
-            scale=nothing,
-        )
+        return Columns(X, *[np.empty(0)] * 5)  # nothing else is known
 
     def _check_parameters(self, xyz):
         n, d = xyz.shape

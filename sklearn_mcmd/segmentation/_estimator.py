@@ -349,6 +349,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
         check_work(self, len(X))
+        vars(self).pop("normal_estimator_", None)  # of a fit with other parameters
         if self.normals == "precomputed":
             return split_columns(X)
         estimator = self.normal_estimator

@@ -4,12 +4,14 @@ import multiprocessing
 import pickle
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from itertools import pairwise
 
 import joblib
 import numpy as np
 import pytest
 
 from public import CLOUDS, ESTIMATORS, cloud_for, expected_results, fitted, results
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 
 # How many rows are worked on at once, wherever a module says so; and from how many in order.
@@ -25,6 +27,13 @@ CHUNKS = {
 OF_NEIGHBORS = ("_local_planes", "_crease_distance", "_assign_points", "_narrow_faces")
 RANSAC = repr(PlaneOutlierDetector(random_state=0))  # which is not compiled
 SLOW = pytest.mark.slow
+
+
+def pairs_of_a_class():
+    """Names of estimators of one class with different parameters, each beside another."""
+    names = sorted(ESTIMATORS)
+    pairs = [(a, b) for a, b in pairwise(names) if type(ESTIMATORS[a]) is type(ESTIMATORS[b])]
+    return pairs + [(b, a) for a, b in pairs]
 
 
 def assert_equal(found, expected):
@@ -104,6 +113,25 @@ def test_two_fits_and_a_pickle_are_the_same(name):
     copy = pickle.loads(pickle.dumps(estimator))
     assert_equal(results(copy, X, new=X[::7] + 0.01), expected)
     assert_equal(results(estimator.fit(X), X, new=X[::7] + 0.01), expected)
+
+
+@pytest.mark.parametrize(("before", "now"), pairs_of_a_class())
+def test_nothing_is_left_of_a_fit_with_other_parameters(before, now):
+    X = cloud_for(now)
+    used, expected = fitted(ESTIMATORS[before], X), fitted(ESTIMATORS[now], X)
+    used.set_params(**expected.get_params(deep=False)).fit(X)
+    assert vars(used).keys() == vars(expected).keys()
+
+
+@pytest.mark.parametrize("kind", [SharpFeatureDetector, RegionGrowing])
+def test_planes_that_are_given_leave_no_steps_of_an_earlier_fit(kind):
+    X = np.random.default_rng(0).normal(size=(200, 3)) * [1, 1, 0.01]
+    used = kind(random_state=0).fit(X)
+    given = {"normals": "precomputed"}
+    given |= {"outlier_detector": "passthrough"} if kind is SharpFeatureDetector else {}
+    used.set_params(**given).fit(RobustNormalEstimator(random_state=0).fit_transform(X))
+    assert not hasattr(used, "normal_estimator_")
+    assert not hasattr(used, "outlier_detector_")
 
 
 def elsewhere(pickled):
