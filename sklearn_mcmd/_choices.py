@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 ChangeCorrection = Literal["fdr", "sidak", "none"]
 Correction = Literal["sidak", "bonferroni", "none"]
-Criterion = Literal["crease", "eigenvalue", "surface_variation", "removed_fraction"]
+Criterion = Literal["crease", "eigenvalue", "surface_variation"]
 EliminationRule = Literal["single", "all"]
 Mode = Literal["drop", "mark"]
 OutlierMethod = Literal["mcmd_z", "mcmd_md"]

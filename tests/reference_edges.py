@@ -63,9 +63,7 @@ class LiteralCreases:
         if np.linalg.norm(gap) > self.reach[j]:
             return np.inf
         variance = noise**2 + least**2
-        return 0.5 * (np.log(variance) + (gap @ planes.normals[j]) ** 2 / variance) - np.log(
-            planes.kept[j]
-        )
+        return 0.5 * (np.log(variance) + (gap @ planes.normals[j]) ** 2 / variance)
 
     def _differ(self, a, b):
         return abs(self.normal[a] @ self.normal[b]) < np.cos(np.radians(self.angle))

@@ -24,8 +24,8 @@ class Edges(CloudVerb):
     n_neighbors: _options.NNeighbors = 40
     criterion: Criterion = option(
         "crease",
-        "crease: the distance to the line where two faces meet. eigenvalue, surface_variation, "
-        "removed_fraction: how much the neighborhood differs from a plane.",
+        "crease: the distance to the line where two faces meet. eigenvalue, surface_variation: "
+        "how much the neighborhood differs from a plane.",
     )
     threshold: float | None = option(
         None,

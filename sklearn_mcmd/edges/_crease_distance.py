@@ -87,11 +87,11 @@ def find_creases(index, planes, min_angle, on_surface, n_jobs=None):
     at `min_angle` degrees at least. `on_surface` (n,) is 1.0 of points on surfaces, else 0.0.
     """
     with progress_part(0.0, BEFORE):
-        planes = _measured(index, planes, n_jobs)
+        planes, spacing = _measured(index, planes, n_jobs)
     # A median of shares of the radius, so that it depends on no unit.
     usual = np.median(planes.scale / np.maximum(planes.radius, np.finfo(float).tiny))
     cosine = np.cos(np.radians(min_angle))
-    meeting = MeetingPlanes(index, planes, on_surface, usual, cosine, n_jobs)
+    meeting = MeetingPlanes(index, planes, spacing, on_surface, usual, cosine, n_jobs)
     with progress_part(BEFORE, 1.0):
         distances, faces, evidence = meeting.distances(index.points, index.query_own)
     return Creases(meeting, faces, evidence), distances
@@ -117,11 +117,12 @@ class Creases(NamedTuple):
 class MeetingPlanes:
     """The planes of a cloud's points, and which of them may meet in creases.
 
-    The scale of a plane is its noise, and the spacing that of the points.
+    The scale of a plane is its noise.
     """
 
     index: NeighborIndex
     planes: Planes
+    spacing: np.ndarray  # float64 (n,), of the points
     on_surface: np.ndarray  # float64 (n,), 1 or 0
     usual: float  # noise of half of the planes over their radius, at most
     cosine: float  # that of two faces that meet is smaller
@@ -169,7 +170,9 @@ class MeetingPlanes:
             _compiled("count_turned")(near, planes.normals, half_turn, turned)
             rows = np.flatnonzero(turned)
             if len(rows):
-                owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
+                owners[rows] = give_planes(
+                    asked[rows], near.take(rows), planes, usable, self.spacing
+                )
             owned = planes.take(owners)
             flat = are_faces(owned, self.usual)
             height = np.abs(np.einsum("md,md->m", asked - owned.centroids, owned.normals))
@@ -209,6 +212,7 @@ class MeetingPlanes:
                 queries[rows],
                 around_of(rows),
                 self.planes,
+                self.spacing,
                 owners[rows],
                 faces,
                 limits,
@@ -238,8 +242,8 @@ class MeetingPlanes:
 
 
 def _measured(index, planes, n_jobs):
-    """The planes of an index's points with radius, noise, which is not known better, and spacing:
-    the side of the cell that one point of a surface takes, the mean of those around."""
+    """The planes of an index's points with radius, and noise, which is not known better; and the
+    spacing: the side of the cell that one point of a surface takes, the mean of those around."""
     points, (n, d) = index.points, index.points.shape
     last = min(FaceLimits().n_spacing, index.n_neighbors - 1)
     # Volume of the unit ball of d - 1 dimensions: the surface within reach of the `last` neighbor
@@ -259,8 +263,7 @@ def _measured(index, planes, n_jobs):
     with progress_part(SPACED, 1.0):
         for _ in range(CreaseLimits().evening_steps):
             spacing = _evened(index, spacing, n_jobs)
-    planes.kept[:] = 1.0
-    return planes._replace(spacing=spacing, radius=radius)
+    return planes._replace(radius=radius), spacing
 
 
 def _evened(index, spacing, n_jobs):
@@ -296,11 +299,11 @@ def are_faces(planes, usual):
     return are_flat(planes, max(FaceLimits().flat, usual))
 
 
-def give_planes(queries, around, planes, usable):
+def give_planes(queries, around, planes, usable, spacing):
     """Of the planes of its neighbors, the one that explains each query best: their rows. `usable`
     is True for all planes; an array, so that it is made once."""
     nearest = around.indices[:, 0]
-    least = np.maximum(FaceLimits().least_noise * planes.spacing[nearest], np.finfo(float).tiny)
+    least = np.maximum(FaceLimits().least_noise * spacing[nearest], np.finfo(float).tiny)
     owners = explain(queries, around, planes, usable, least, likely=True)[0]
     return np.where(owners < 0, nearest, owners)  # what no plane reaches has the nearest one's
 

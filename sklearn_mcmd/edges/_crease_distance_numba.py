@@ -35,10 +35,12 @@ def count_turned(around, normals, cosine, turned):
 
 
 @kernel(cache=True)
-def meet_faces(points, queries, around, planes, owners, faces, limits, work, distance, evidence):
+def meet_faces(
+    points, queries, around, planes, spacings, owners, faces, limits, work, distance, evidence
+):
     """Fill distance and evidence of queries as `MeetingPlanes._meet` says.
 
-    The faces are those of all points, `owners` the rows of the queries' planes.
+    Faces and spacings are those of all points, `owners` the rows of the queries' planes.
     """
     creases, cosine, explained = limits
     normals = planes.normals
@@ -49,7 +51,7 @@ def meet_faces(points, queries, around, planes, owners, faces, limits, work, dis
         # Step 1: neighbors on faces that meet the query's at an angle. A face has as many points as
         # determine a plane.
         near, owner = around.indices[i], owners[i]
-        scale, spacing = planes.scale[owner], planes.spacing[near[0]]
+        scale, spacing = planes.scale[owner], spacings[near[0]]
         differs[:] = True
         n_differing = _differ(normals[owner], normals, faces, near, cosine, differs)
         if n_differing < d or not spacing > 0.0:

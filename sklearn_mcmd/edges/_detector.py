@@ -71,8 +71,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         neighbors withstand noise. For "crease" the cleaning and the planes take three quarters
         of them.
 
-    criterion : {"crease", "eigenvalue", "surface_variation", "removed_fraction"}, \
-            default="crease"
+    criterion : {"crease", "eigenvalue", "surface_variation"}, default="crease"
         What makes an edge:
 
         - "crease": the distance to the line where the planes of two faces meet, in spacings of
@@ -80,8 +79,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         - "eigenvalue": the least eigenvalue of the neighborhood, in squared units of X
           (Eq. 25);
         - "surface_variation": the same over the sum of the eigenvalues (Eq. 3), which does not
-          depend on the spacing;
-        - "removed_fraction": the share of the neighborhood that is not of its plane.
+          depend on the spacing.
 
     threshold : float or "mean", default=None
         The limit of an edge. A number is the largest distance in spacings for "crease", at most
@@ -258,11 +256,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         table = validate_points(self, X, ensure_min_features=2)
         for name in ("outlier_detector_", "normal_estimator_", "_creases"):
             vars(self).pop(name, None)  # of a fit with other parameters
-        if self.normals == "precomputed" and self.criterion == "removed_fraction":
-            raise ValueError(
-                "normals='precomputed' does not tell criterion='removed_fraction': take "
-                "normals='estimate', with coordinates as X."
-            )
         columns = self._columns(table, None)  # precomputed columns determine the dimensions
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
@@ -290,7 +283,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                         of_members = Columns.of(normal_estimator, members)
                     else:
                         of_members = split_columns(members, self._n_dimensions)
-                    planes = of_members.planes(index.rows).without("radius", "spacing")
+                    planes = of_members.planes(index.rows).without("radius")
                     del of_members, members  # index and planes have what is needed
                     on_surface = getattr(detector, "on_surface_", kept)[kept]
                     is_part = (whole := whole_cloud()) is not None and whole.n_points > len(xyz)
@@ -384,19 +377,15 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
     def _values(self, columns, fitted=False):
         """The value of the criterion at points, if it is not "crease"; these may be the fitted."""
         if self.normals == "precomputed":
-            values = columns.surface_variation
-            if self.criterion == "eigenvalue":
-                values = columns.eigenvalues[:, 0]
-            return values.astype(np.float64)
+            return values_of(self.criterion, columns)
         estimator, xyz = self.normal_estimator_, columns.coordinates
         values, is_new = np.empty(len(xyz)), np.ones(len(xyz), dtype=bool)
         if fitted:
             is_new = ~self.inlier_mask_  # what was removed is scored like a new point
-            values[~is_new] = values_of(self.criterion, estimator, xyz.dtype)
+            values[~is_new] = values_of(self.criterion, Columns.of(estimator, xyz[~is_new]))
         if is_new.any():
-            names = list(estimator.get_feature_names_out())
-            column = names.index(column_of_criterion(self.criterion))
-            values[is_new] = np.asarray(estimator.transform(xyz[is_new]))[:, column]
+            table = np.asarray(estimator.transform(xyz[is_new]))
+            values[is_new] = values_of(self.criterion, split_columns(table, xyz.shape[1]))
         return values
 
 
@@ -420,13 +409,11 @@ def steps_of(edges, d=3):
     elif cleaner is None:
         cleaner = MCMDOutlierDetector(strictness="surfaces", **common)
     if normals is None:
-        plain = edges.criterion in ("eigenvalue", "surface_variation")
         normals = RobustNormalEstimator(
             size if crease else edges.n_neighbors,
-            method="pca" if plain else "mcmd_z",
+            method="mcmd_z" if crease else "pca",
             success_probability=1.0 - EdgeLimits().luck,
             tangents=False,  # beside an edge they turn from one face to the other
-            features="removed_fraction" if edges.criterion == "removed_fraction" else None,
             **common,
         )
     cleans = crease or edges.normals == "estimate"
@@ -443,27 +430,10 @@ def _seeded(estimator, seed):
     return estimator
 
 
-def column_of_criterion(criterion):
-    """The column of ``RobustNormalEstimator.transform`` that holds a criterion."""
-    return "eigenvalue_0" if criterion == "eigenvalue" else criterion
-
-
-def values_of(criterion, fitted, dtype):
-    """The values (n,) of a criterion at the points of a fitted `RobustNormalEstimator`, in the
-    precision in which `transform` has them."""
-    name, names = column_of_criterion(criterion), list(fitted.get_feature_names_out())
-    if name not in names:
-        raise ValueError(
-            f"criterion={criterion!r} needs the column {name} of normal_estimator.transform, which "
-            f"has {names}: ask for it by features=[{name!r}]."
-        )
-    if name == "eigenvalue_0":
-        values = fitted.eigenvalues_[:, 0]
-    elif name == "surface_variation":
-        values = fitted.surface_variation_
-    else:  # features are the last
-        values = fitted.features_[:, names.index(name) - len(names)]
-    return values.astype(dtype).astype(np.float64)
+def values_of(criterion, columns):
+    """The values (n,) of a criterion at points whose planes have these `Columns`."""
+    least = columns.eigenvalues[:, 0] if criterion == "eigenvalue" else columns.surface_variation
+    return least.astype(np.float64)
 
 
 def least_of_edge(parts, threshold, n_std):

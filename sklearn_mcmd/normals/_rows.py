@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._errors import warn
-from sklearn_mcmd.normals._adaptive_k import SizeLimits, across_rows
+from sklearn_mcmd.normals._adaptive_k import SizeLimits, across_rows, angles
 from sklearn_mcmd.planes._neighborhoods import Neighborhoods
 from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import whole_planes
@@ -35,9 +35,8 @@ def doubted(planes, points, index, n_jobs):
     def task(part):
         rows = asked[part]
         normals, rowlike = _whole_normals(index, points[rows], k)
-        cosine = np.abs(np.einsum("ij,ij->i", normals, planes.normals[rows]))
-        angles = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
-        errors[rows] = np.maximum(errors[rows], np.where(rowlike, 90.0, angles))
+        tilt = np.where(rowlike, 90.0, angles(normals, planes.normals[rows]))
+        errors[rows] = np.maximum(errors[rows], tilt)
 
     with progress_part(1.0, 1.0):
         each_slice(len(asked), index.chunk, task, n_jobs)

@@ -35,8 +35,6 @@ from sklearn_mcmd.runtime._progress import progress_part
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
 ROUGH, FLAT, BENT = range(3)
-# Field of the members' planes that nothing uses.
-UNUSED = "spacing"
 
 
 class MendLimits(NamedTuple):
@@ -139,7 +137,7 @@ class SurfacePlanes:
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
         `FittedSurfaces`, which answer for other points. The members' planes are used up."""
         index, (m, d) = self.model.index, self.model.index.points.shape
-        planes = Planes.empty(m, d).without(UNUSED)
+        planes = Planes.empty(m, d)
         members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
         chunk, lenders, errors = self.model.chunk(), np.full(m, -1, dtype=np.int32), np.empty(m)
 
@@ -351,7 +349,7 @@ def lend(planes, rows, members, lenders):
     """
     borrowers, lent = planes.take(rows), members.take(lenders)
     error = np.maximum(borrowers.normal_error, lent.normal_error)
-    extents = {name: getattr(borrowers, name) for name in ("kept", "radius", "spacing")}
+    extents = {name: getattr(borrowers, name) for name in ("kept", "radius")}
     lent = lent._replace(**extents)
     planes.put(rows, lent._replace(normal_error=error))
 

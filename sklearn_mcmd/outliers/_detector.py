@@ -413,8 +413,11 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         origins = check_sensor_origin(sensor_origin, xyz)
         if origins is None:
             return None, None, doubted
-        position = None if np.shape(sensor_origin) == xyz.shape else origins[0].copy()
-        return origins[self._model.index.rows], position, doubted
+        rows = self._model.index.rows
+        if np.shape(sensor_origin) == xyz.shape:
+            return origins[rows], None, doubted
+        position = origins[0].copy()
+        return np.broadcast_to(position, (len(rows), len(position))), position, doubted
 
     def _cutoff(self):
         """The cutoff, and the share of the time after which it is known."""

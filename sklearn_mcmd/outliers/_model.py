@@ -32,7 +32,7 @@ from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.sensors._rays import distances_between
 
-UNUSED = "eigenvalues", "spacing", "normal_error"  # fields of planes that no later step asks for
+UNUSED = "eigenvalues", "normal_error"  # fields of planes that no later step asks for
 USED = "Look at what goes by it, or give another $sensor_origin, or none"
 NOT_USED = "It is not used. Give $sensor_origin as it was, or none"
 FITTING = 0.65  # share of the time that planes take, for the display of progress

@@ -21,7 +21,7 @@ import numpy as np
 from sklearn_mcmd.planes._record import Planes
 
 # Fields of planes that are not offered.
-UNUSED = "eigenvalues", "kept", "radius", "spacing", "normal_error"
+UNUSED = "eigenvalues", "kept", "radius", "normal_error"
 
 
 FAR = 100  # hops of neighbors, which no point is away

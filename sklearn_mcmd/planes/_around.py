@@ -1,4 +1,4 @@
-"""What is usual among the neighbors: quantiles, extents, noise; quotients that stay finite."""
+"""What is usual among the neighbors: quantiles, radii, noise; quotients that stay finite."""
 
 from typing import NamedTuple
 
@@ -60,12 +60,12 @@ def _bins(values):
     return (bits ^ (bits >> 63 & np.iinfo(np.int64).max)) >> LOWER_BITS
 
 
-def extents(points, queries, neighborhoods):
-    """Mean distance (m,) of the neighbors from queries (m, d), and distance of the last one."""
-    spacing, radius = np.empty((2, len(queries)))
-    measure = compiled_function(MODULE, "extents_of_neighborhoods")
-    measure(points, queries, neighborhoods, spacing, radius)
-    return spacing, radius
+def radii(points, queries, neighborhoods):
+    """Distance (m,) of the last neighbor from queries (m, d)."""
+    radius = np.empty(len(queries))
+    measure = compiled_function(MODULE, "farthest_of_neighborhoods")
+    measure(points, queries, neighborhoods, radius)
+    return radius
 
 
 def ratio(numerator, denominator):

@@ -41,8 +41,8 @@ class Columns(NamedTuple):
     def planes(self, rows):
         """The planes of some of the points, float64; what columns lack is no number or left out."""
         planes = Planes.empty(len(rows), self.coordinates.shape[1])
-        planes = planes.without("eigenvalues", "normal_error")
-        planes.kept[:], planes.radius[:], planes.spacing[:] = 1.0, np.nan, np.nan
+        planes = planes.without("eigenvalues", "kept", "normal_error")
+        planes.radius[:] = np.nan
         for part in slices(len(rows), CHUNK):
             chosen = rows[part]
             normals = self.normals[chosen].astype(np.float64)

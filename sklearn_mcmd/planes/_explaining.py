@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import extents
+from sklearn_mcmd.planes._around import radii
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
@@ -24,8 +24,7 @@ def explain(queries, candidates, planes, usable, least, likely=False):
     """The plane of its neighbors that explains each query best, however far it is.
 
     This is the nearest plane, in standard deviations, or the most `likely` one, by Bayes' rule: of
-    a flat and a rough plane the flat one then wins. A plane's prior probability is the share of its
-    neighborhood that it keeps.
+    a flat and a rough plane the flat one then wins.
 
     A plane reaches as far from its centroid as its neighborhood does from its point. Candidates are
     rows of `planes`, of which those that are `usable` (bool) may explain queries (m, d). `least`
@@ -97,7 +96,7 @@ def row_linker(index, k, planes, limits, usable=None):
     farthest = np.empty(len(points) if limits.both_near else 0)  # distances of the last neighbors
 
     def measure(rows):
-        farthest[rows] = extents(points, points[rows], index.query_own(rows, k))[1]
+        farthest[rows] = radii(points, points[rows], index.query_own(rows, k))
 
     if limits.both_near:
         with progress_part(0.0, 0.4):

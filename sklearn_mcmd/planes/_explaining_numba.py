@@ -25,9 +25,8 @@ def explain_queries(queries, candidates, planes, usable, least, likely, tie, own
             variance = planes.scale[row] * planes.scale[row] + least[i] * least[i]
             distance = abs(height) / np.sqrt(variance)
             cost = distance
-            if likely:  # minus the logarithm of density times prior, but for a constant
+            if likely:  # minus the logarithm of the density, but for a constant
                 cost = 0.5 * (np.log(variance) + distance * distance)
-                cost -= np.log(planes.kept[row])
             if cost < np.inf and cost < least_cost - tie * (1.0 + abs(cost)):
                 owners[i], distances[i], least_cost = row, distance, cost
 

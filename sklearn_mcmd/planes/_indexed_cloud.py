@@ -1,6 +1,6 @@
 """A cloud in spatial order with the neighbors of its points, which all stages share."""
 
-from functools import cached_property, partial
+from functools import partial
 from hashlib import blake2b
 from threading import Lock
 from weakref import WeakValueDictionary
@@ -30,7 +30,7 @@ class IndexedCloud:
     def __init__(self, X):
         self.rows, self._locations = distinct_rows(X)
         self.n_distinct = len(self.rows)
-        self.search = self.table = order = None
+        self.search = self.table = self._tree = order = None
         if len(self.rows) <= X.shape[1]:  # too few locations for any plane: copies fill up
             if self._locations is None:
                 self._locations = np.arange(len(X))
@@ -77,10 +77,13 @@ class IndexedCloud:
         """Row of `points` of each row of X: ndarray of int of shape (n,)."""
         return _inverse(self.rows) if self._locations is None else self._locations
 
-    @cached_property
+    @property
     def tree(self):
         """The tree that answers queries which are none of the points."""
-        return cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
+        with _tree_lock:  # of threads that ask together the first makes it
+            if self._tree is None:
+                self._tree = cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
+        return self._tree
 
     def neighbors(self, rows, k, n_kept):
         """The k nearest points of some of the points, itself first: int32 (m, k).
@@ -122,7 +125,7 @@ class IndexedCloud:
 
 
 _known: WeakValueDictionary = WeakValueDictionary()
-_lock = Lock()
+_lock, _tree_lock = Lock(), Lock()
 
 
 def _key(X):

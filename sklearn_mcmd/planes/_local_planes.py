@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._agreement import AgreementLimits, agreed_offers
-from sklearn_mcmd.planes._around import extents
+from sklearn_mcmd.planes._around import radii
 from sklearn_mcmd.planes._consistent_set import (
     Trials,
     localize,
@@ -54,7 +54,7 @@ class RobustPlanes(NamedTuple):
     @classmethod
     def empty(cls, m, d):
         """A record to be filled."""
-        planes = Planes.empty(m, d).without("spacing", "radius")
+        planes = Planes.empty(m, d).without("radius")
         return cls(planes, np.empty((m, d)), np.empty(m))
 
     def put_rule(self, points, fit, sizes):
@@ -150,7 +150,7 @@ class LocalPlaneModel:
         planes, asking = Planes.unknown(*points.shape), np.flatnonzero(self.offers.asks[rows])
         for name in ("centroids", "normals", "scale"):
             getattr(planes, name)[:] = getattr(self.offers.planes, name)[rows]
-        planes.spacing[:], planes.radius[:] = extents(self.index.points, points, neighborhoods)
+        planes.radius[:] = radii(self.index.points, points, neighborhoods)
         planes.kept[:] = 1.0
         if len(asking):
             near = neighborhoods.take(asking)
@@ -188,8 +188,7 @@ class LocalPlaneModel:
         self._finish(robust, neighborhoods.sizes)
         planes = robust.planes
         if measured:
-            spacing, radius = extents(self.index.points, queries, neighborhoods)
-            planes = planes._replace(spacing=spacing, radius=radius)
+            planes = planes._replace(radius=radii(self.index.points, queries, neighborhoods))
         return planes, robust.distances
 
     def whole_planes(self, queries, neighborhoods):
@@ -198,7 +197,7 @@ class LocalPlaneModel:
         planes, directions, fit = whole_planes(members, neighborhoods)
         flat_normals(planes.normals, planes.eigenvalues, directions)
         queries = np.ascontiguousarray(queries, dtype=np.float64)
-        planes.spacing[:], planes.radius[:] = extents(members, queries, neighborhoods)
+        planes.radius[:] = radii(members, queries, neighborhoods)
         least = self.least_scales(planes.centroids)
         finite = np.isfinite(fit.deviation)
         # Rounding is no noise to test.
@@ -317,8 +316,7 @@ class LocalPlaneModel:
         planes = Planes.empty(*queries.shape)
         planes.put(slice(None), plane)
         distances = rule_fit.score(queries[None])[0]
-        gaps = np.linalg.norm(self.index.points - plane.centroids, axis=1)
-        planes.radius[:], planes.spacing[:] = gaps.max(), gaps.mean()
+        planes.radius[:] = np.linalg.norm(self.index.points - plane.centroids, axis=1).max()
         if plane.scale[0] < 0:
             points = self.index.points[None]
             members = np.ones(points.shape[:2], dtype=bool)

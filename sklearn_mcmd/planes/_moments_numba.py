@@ -1,6 +1,6 @@
 """Arithmetic of planes in three dimensions, compiled: moments, decomposition, selection.
 
-Quantiles and extents of neighborhoods are those of any dimension.
+Quantiles and radii of neighborhoods are those of any dimension.
 """
 
 import numpy as np
@@ -243,16 +243,15 @@ def quantile_of_neighbors(all_values, neighborhoods, q, values, keys, out):
 
 
 @kernel(cache=True)
-def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
-    """Fill the mean distance of the neighbors and the distance of the last one."""
+def farthest_of_neighborhoods(points, queries, neighborhoods, radius):
+    """Fill the distance of the last neighbor."""
     indices, sizes = neighborhoods.indices, neighborhoods.sizes
     for i in range(len(queries)):
-        total = last = 0.0
+        last = 0.0
         for j in range(sizes[i]):
             square = 0.0
             for axis in range(queries.shape[1]):
                 gap = points[indices[i, j], axis] - queries[i, axis]
                 square += gap * gap
-            total += np.sqrt(square)
             last = max(last, square)
-        spacing[i], radius[i] = total / sizes[i], np.sqrt(last)
+        radius[i] = np.sqrt(last)

@@ -117,8 +117,7 @@ class NearestPoints:
         Returns distances (m, k), ascending, inf where there are no more points; and rows of
         `points` (m, k), int32 if they fit, their number where there are no more.
         """
-        row = np.int32 if self.n < 2**31 else np.intp
-        distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), row)
+        distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), np.int32)
 
         def keep(rows, gaps, near):
             distances[rows], indices[rows] = gaps, near
@@ -133,9 +132,10 @@ class NearestPoints:
         """
         chunk = max(1, min(CHUNK, AT_ONCE // k))
         if queries.shape[1] != 3 or len(queries) < COMPILE_FROM or self.n < k:
+            tree = self.tree  # made once, before threads ask
 
             def search_tree(rows):
-                work(rows, *query_tree(self.tree, queries[rows], k))
+                work(rows, *query_tree(tree, queries[rows], k))
 
             return each_slice(len(queries), chunk, search_tree, n_jobs)
         asking, search = SelfSearch(queries), self.search

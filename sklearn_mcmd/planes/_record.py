@@ -30,14 +30,13 @@ class Planes(NamedTuple):
     scale: np.ndarray  # standard deviation of the noise along the normal; negative: no plane
     kept: np.ndarray  # share of the neighborhood that is kept after outliers are removed
     radius: np.ndarray  # distance of the last neighbor from the query
-    spacing: np.ndarray  # mean distance of all neighbors from it
     normal_error: np.ndarray  # root mean square tilt in degrees, see `normal_errors`
 
     @classmethod
     def empty(cls, m, d):
         """A record to be filled."""
         vectors = (np.empty((m, d)) for _ in range(3))
-        return cls(*vectors, *(np.empty(m) for _ in range(5)))
+        return cls(*vectors, *(np.empty(m) for _ in range(4)))
 
     @classmethod
     def unknown(cls, m, d):

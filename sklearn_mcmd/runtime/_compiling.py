@@ -10,7 +10,9 @@ def compiled_function(module, name):
     """A function that Numba compiles, from a module such as "planes._local_planes_numba"."""
     try:
         return _load(module, name)
-    except RuntimeError:  # Numba found no folder to write compiled code to
+    except RuntimeError as err:
+        if "cannot cache" not in str(err):  # where Numba finds no folder to write compiled code to
+            raise
         from sklearn_mcmd.runtime import _kernels
 
         _kernels.is_kept = False

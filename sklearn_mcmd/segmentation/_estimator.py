@@ -284,7 +284,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         points, rows = index.points, index.rows
         step = coordinate_step(xyz)
         floor = least_scales(points, np.finfo(xyz.dtype).eps, step)
-        planes = columns.planes(rows).without("kept", "spacing")
+        planes = columns.planes(rows)
         planes.scale[:] = np.maximum(planes.scale, floor)
         rules = self._rules()
         with progress_part(0.35, 0.5, "links of neighbors"):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import extents, most_noise_around, ratio
+from sklearn_mcmd.planes._around import most_noise_around, radii, ratio
 from sklearn_mcmd.planes._explaining import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice, run
@@ -50,7 +50,7 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
 
     def measure(rows):
         around = index.query_own(rows, k)
-        radius[rows] = extents(index.points, index.points[rows], around)[1]
+        radius[rows] = radii(index.points, index.points[rows], around)
         if rules.max_distance is None:
             limit[rows] = floor[rows] + _rule_a(index.points, planes.take(rows), around)
 

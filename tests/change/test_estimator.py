@@ -88,10 +88,10 @@ def test_the_pvalues_are_those_of_two_sided_tests():
 def test_a_registration_that_is_off_is_in_the_errors():
     rng = np.random.default_rng(3)
     before, shares = wall(rng, 1_500), []
+    change = CloudChange(registration=0.003, correction="none", random_state=0).fit(before)
     for shift in norm.ppf(np.arange(0.025, 1, 0.05), scale=0.003):
         after = wall(rng, 1_500, moved=lambda x, z, d=shift: d)
-        changes = compared(before, after, registration=0.003, correction="none")
-        shares.append(changes.significant.mean())
+        shares.append(change.compare(after).significant.mean())
     assert 0.02 < np.mean(shares) < 0.09
 
 

@@ -14,7 +14,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 
-CRITERIA = ["crease", "eigenvalue", "surface_variation", "removed_fraction"]
+CRITERIA = ["crease", "eigenvalue", "surface_variation"]
 
 
 def fast(**parameters):
@@ -121,7 +121,7 @@ def test_fit_predict_equals_predict_and_scores_are_kept(criterion, dtype):
     detector = SharpFeatureDetector(criterion=criterion, random_state=0)
     labels = detector.fit_predict(cloud)
     assert 0 < np.count_nonzero(~detector.inlier_mask_) < len(cloud)
-    assert_array_equal(labels, detector.fit(cloud).predict(cloud))
+    assert_array_equal(labels, detector.predict(cloud))
     assert_array_equal(detector.scores_, detector.score_samples(cloud))
 
 
@@ -165,13 +165,6 @@ def test_eigenvalues_need_a_stricter_cleaning_than_creases(criterion, strictness
     assert_array_equal(detector.inlier_mask_, cleaner.fit_predict(cloud.data) == 1)
 
 
-def test_removed_fraction_is_that_of_the_normal_estimator(box):
-    detector = fast(criterion="removed_fraction", threshold=0.2).fit(box.data)
-    removed = detector.normal_estimator_.removed_fraction_
-    assert_allclose(-detector.score_samples(box.data), removed)
-    assert detector.offset_ == -0.2
-
-
 # --- Stages and pipelines ---------------------------------------------------------------------
 
 
@@ -203,11 +196,6 @@ def test_precomputed_columns_serve_the_other_criteria(box, criterion):
         ({"threshold": "mean"}, "threshold='mean' is for eigenvalues"),
         ({"threshold": 11.0}, "threshold=11 is in spacings"),
         ({"normals": "precomputed"}, "the 3 columns of X are not those of"),
-        ({"normals": "precomputed", "criterion": "removed_fraction"}, "does not tell"),
-        (
-            {"criterion": "removed_fraction", "normal_estimator": RobustNormalEstimator(10)},
-            "needs the column removed_fraction",
-        ),
         ({"outlier_detector": DBSCAN(0.3)}, "labels other than"),
         ({"outlier_detector": MCMDOutlierDetector(cutoff=1e-300)}, "200 of 200 points outliers"),
         ({"outlier_detector": StandardScaler()}, "'outlier_detector' .* implementing 'fit_pred"),

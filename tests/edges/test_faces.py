@@ -9,13 +9,12 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Planes
 
 
-def planes_of(normals, levels, scale, radius=10.0, spacing=1.0, kept=1.0):
+def planes_of(normals, levels, scale, radius=10.0):
     """Planes through the points of their normals that are as far from the origin as told."""
     normals = np.asarray(normals, dtype=float)
     n, d = normals.shape
     planes = Planes.empty(n, d)
     planes.scale[:], planes.radius[:] = scale, radius
-    planes.spacing[:], planes.kept[:] = spacing, kept
     planes.normals[:] = normals
     planes.centroids[:] = normals * np.asarray(levels)[:, None]
     return planes

@@ -46,8 +46,8 @@ def literally(queries, candidates, planes, usable, least, likely):
             if deviation == 0 or (likely and planes.scale[i] <= 0):
                 continue  # no distance is a number of its deviations
             distance = cost = abs(gap @ planes.normals[i]) / deviation
-            if likely:  # minus the logarithm of a normal density, and of the share kept
-                cost = np.log(deviation) + distance**2 / 2 - np.log(planes.kept[i])
+            if likely:  # minus the logarithm of a normal density
+                cost = np.log(deviation) + distance**2 / 2
             if cost < best[0]:
                 best = cost, i, distance
         owners.append(best[1])

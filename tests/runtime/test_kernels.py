@@ -78,7 +78,7 @@ import numpy as np
 from sklearn_mcmd.runtime._compiling import compiled_function
 number_parts = compiled_function("planes._explaining_numba", "number_parts")
 assert number_parts(np.array([0, 0, 2], np.int32)).tolist() == [0, 0, 1]
-compiled_function("planes._moments_numba", "extents_of_neighborhoods")
+compiled_function("planes._moments_numba", "farthest_of_neighborhoods")
 print(sum(number_parts.stats.cache_misses.values()))
 """
 
