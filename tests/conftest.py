@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import time
+from importlib import import_module
 from pathlib import Path
 
 # Before NumPy and SciPy are imported. Without the first scikit-learn skips its array API checks.
@@ -141,6 +142,13 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip("the folder shared/data with real point clouds is not beside the checkout")
     return folder
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Imports a module of benchmarks/, which a checkout has."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
+    return import_module
 
 
 @pytest.fixture

@@ -8,6 +8,8 @@ from math import gamma
 
 import numpy as np
 
+from reference_creases import off_quadric
+
 CLIP, HUBER, FITS = 3.0, 1.5, 3
 
 
@@ -132,20 +134,9 @@ class LiteralCreases:
         """Residuals to a polynomial of second order over the plane of most variance."""
         local = X - X.mean(axis=0)
         local = local @ np.linalg.eigh(local.T @ local)[1]
-        z, u = local[:, 0], local[:, 1:]
-        pairs = [(a, b) for a in range(self.d - 1) for b in range(a, self.d - 1)]
-        terms = np.column_stack([np.ones(len(u)), u, *(u[:, a] * u[:, b] for a, b in pairs)])
-        weights = np.ones(len(z))
+        weights = np.ones(len(local))
         for _ in range(FITS):
-            root = np.sqrt(weights)
-            fit = np.linalg.lstsq(terms * root[:, None], z * root, rcond=None)[0]
-            residuals = []
-            for row, value, at in zip(terms, z, u, strict=True):
-                slope = fit[1 : self.d].copy()
-                for (a, b), c in zip(pairs, fit[self.d :], strict=True):
-                    slope[a] += c * at[b]
-                    slope[b] += c * at[a]
-                residuals.append(abs(value - row @ fit) / np.sqrt(1 + slope @ slope))
+            residuals = np.abs(off_quadric(local[:, 1:], local[:, 0], weights))
             weights = np.array([min(1.0, HUBER * scale / r) for r in residuals])
         return residuals
 

@@ -1,7 +1,6 @@
 """The scripts of benchmarks/ run, their comparators are right, their tables are the stored ones."""
 
 import csv
-import importlib
 import json
 import subprocess
 import sys
@@ -17,13 +16,6 @@ ROOT = Path(__file__).resolve().parents[1]
 BENCHMARKS, STORED = ROOT / "benchmarks", ROOT / "docs" / "benchmarks"
 if not BENCHMARKS.is_dir():
     pytest.skip("a checkout is needed", allow_module_level=True)
-
-
-@pytest.fixture
-def load(monkeypatch):
-    """Imports a module of the folder."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module
 
 
 @pytest.fixture(scope="module")

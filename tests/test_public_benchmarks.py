@@ -1,7 +1,6 @@
 """Readers and measures of `benchmarks/bench_public.py`, on made data whose answer is known."""
 
 import csv
-import importlib
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 if not (ROOT / "benchmarks").is_dir():
     pytest.skip("a checkout is needed", allow_module_level=True)
-
-
-@pytest.fixture
-def load(monkeypatch):
-    """Imports a module of the folder."""
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    return importlib.import_module
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """Standard errors of normals: regions of 95 % confidence hold 95 % of the true normals."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -16,8 +18,9 @@ from sklearn_mcmd.planes._rules import METHODS, cut_inflation
 NOISE = 0.01
 
 
-def coverage(k, method, outliers, n_patches=3000, d=3, cutoff=None, seed=0):
-    """Share of independent patches of a plane whose true normal is within 95 % confidence."""
+@lru_cache(maxsize=4)
+def patches_of(k, outliers, n_patches, d, seed):
+    """The index of independent patches of a plane, far apart; the center of each, and the turn."""
     rng = np.random.default_rng(seed)
     shape = (n_patches, 2 * k)
     directions = rng.normal(size=(*shape, d - 1))
@@ -32,10 +35,16 @@ def coverage(k, method, outliers, n_patches=3000, d=3, cutoff=None, seed=0):
     queries[:, 0] = 10.0 * np.arange(n_patches)  # far apart, each the center of its patch
     turn, _ = np.linalg.qr(rng.normal(size=(d, d)))
     X = (patches + queries[:, None]).reshape(-1, d) @ turn.T
+    return NeighborIndex(X, k), queries @ turn.T, turn
+
+
+def coverage(k, method, outliers, n_patches=3000, d=3, cutoff=None, seed=0):
+    """Share of independent patches of a plane whose true normal is within 95 % confidence."""
+    index, queries, turn = patches_of(k, outliers, n_patches, d, seed)
     cutoff = cutoff or METHODS[method].default_cutoff(d)
     settings = PlaneSettings(method, precision=2.0**-52, cutoff=cutoff, reweight=True)
-    model = LocalPlaneModel(NeighborIndex(X, k), draw_trials(69, k, 0), settings)
-    planes, _ = model.evaluate(queries @ turn.T)
+    model = LocalPlaneModel(index, draw_trials(69, k, 0), settings)
+    planes, _ = model.evaluate(queries)
     along = planes.normals @ turn[:, -1]
     across = np.linalg.norm(planes.normals - along[:, None] * turn[:, -1], axis=1)
     tilt = np.degrees(np.arctan2(across, np.abs(along)))

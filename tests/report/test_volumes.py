@@ -1,7 +1,5 @@
 """Removed points that lie together are told, and single errors and small groups are not."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -89,13 +87,11 @@ def test_small_tiles_of_real_surveys_are_told_where_a_tenth_together_is_lost(sha
 
 
 @pytest.mark.slow
-def test_simulated_errors_in_real_clouds_are_single(shared_data, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
-    from _real_clouds import inject, load_clouds
-
-    for cloud in load_clouds(shared_data, limit=60_000):
+def test_simulated_errors_in_real_clouds_are_single(shared_data, load):
+    clouds = load("_real_clouds")
+    for cloud in clouds.load_clouds(shared_data, limit=60_000):
         real = np.ones(len(cloud.points), bool) if cloud.noise is None else ~cloud.noise
-        xyz, _ = inject(cloud.points[real], np.random.default_rng(0))
+        xyz, _ = clouds.inject(cloud.points[real], np.random.default_rng(0))
         is_outlier = MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(xyz) < 0
         volumes = lost_volumes(lambda: [(xyz, is_outlier)], len(xyz))  # noqa: B023
         # In the turn of heavy snow hundreds of real points next to the sensor are lost.
