@@ -46,17 +46,19 @@ class Sides:
             orient_toward(normals, self.sensor_origin - X)
             self.sensor_origin = self.sensor_origin[index.rows]  # of its points
             return
+        nearest = None
         if self.tree:
-            self._fit_tree(index, normals, X, n_jobs)
-        self.orient(index, normals, X, n_jobs)
+            nearest = np.zeros(len(X), int) if index.n_neighbors is None else index.places
+            self._fit_tree(index, normals, nearest)
+        self.orient(index, normals, X, n_jobs, nearest)
 
-    def _fit_tree(self, index, normals, X, n_jobs):
+    def _fit_tree(self, index, normals, nearest):
         """Make normals of neighbors agree along a minimum spanning tree (Hoppe et al., 1992)."""
         if index.n_neighbors is None:
             self.tree_normals = normals[:1].copy()
             return
         apart = np.empty_like(index.points)
-        apart[index.nearest(X, effective_n_jobs(n_jobs))] = normals
+        apart[nearest] = normals
         n, k = len(index.points), min(TreeLimits().n_neighbors, len(index.points))
         first = np.repeat(np.arange(n, dtype=np.int32), k)
         second = index.query_own(slice(None), k).indices.ravel()
@@ -64,8 +66,9 @@ class Sides:
         signs = signs_along(apart, index.points, first, second)
         self.tree_normals = apart * signs[:, None]
 
-    def orient(self, index, normals, X, n_jobs):
-        """Flip normals (m, d) of points X (m, d) in place.
+    def orient(self, index, normals, X, n_jobs, nearest=None):
+        """Flip normals (m, d) of points X (m, d) in place; of a tree, the `nearest` of the index's
+        points (m,) may be known.
 
         Where the sensor moved, each counts as measured from where the nearest fitted point was.
         """
@@ -80,7 +83,8 @@ class Sides:
         elif self.direction is not None:
             orient_toward(normals, self.direction)
         elif self.tree:
-            nearest = index.nearest(X, effective_n_jobs(n_jobs))
+            if nearest is None:
+                nearest = index.nearest(X, effective_n_jobs(n_jobs))
             orient_toward(normals, self.tree_normals[nearest])
 
 

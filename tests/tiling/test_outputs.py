@@ -34,11 +34,12 @@ def contents(folder):
     return [(folder / name).read_bytes() for name in NAMES]
 
 
-@pytest.fixture
-def replaced(tmp_path):
+@pytest.fixture(scope="module")
+def replaced(tmp_path_factory):
     """What a whole run makes of such files, and how many outliers it reports."""
-    report = process_files(drive(tmp_path / "whole"), tmp_path / "whole", DETECTOR, **SIZE)
-    return contents(tmp_path / "whole"), report.n_outliers
+    folder = drive(tmp_path_factory.mktemp("whole") / "drive")
+    report = process_files(folder, folder, DETECTOR, **SIZE)
+    return contents(folder), report.n_outliers
 
 
 def run_in_place(folder, **options):
