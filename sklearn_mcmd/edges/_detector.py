@@ -254,12 +254,12 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             labels than +1 and -1 or leaves too few points for a plane.
         """
         table = validate_points(self, X, ensure_min_features=2)
-        for name in ("outlier_detector_", "normal_estimator_", "_creases"):
-            vars(self).pop(name, None)  # of a fit with other parameters
         columns = self._columns(table, None)  # precomputed columns determine the dimensions
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
+        for name in ("outlier_detector_", "normal_estimator_", "_creases"):
+            vars(self).pop(name, None)  # of a fit with other parameters
         detector, normal_estimator = steps_of(self, self._n_dimensions)
         creases = self.criterion == "crease"
         index = self._index(xyz) if creases else None
@@ -384,8 +384,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             is_new = ~self.inlier_mask_  # what was removed is scored like a new point
             values[~is_new] = values_of(self.criterion, Columns.of(estimator, xyz[~is_new]))
         if is_new.any():
-            table = np.asarray(estimator.transform(xyz[is_new]))
-            values[is_new] = values_of(self.criterion, split_columns(table, xyz.shape[1]))
+            name = "eigenvalue_0" if self.criterion == "eigenvalue" else self.criterion
+            column = list(estimator.get_feature_names_out()).index(name)
+            values[is_new] = np.asarray(estimator.transform(xyz[is_new]))[:, column]
         return values
 
 

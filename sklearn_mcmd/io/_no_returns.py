@@ -18,7 +18,8 @@ class NoReturns:
     """
 
     def __init__(self):
-        self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = self.first = 0
+        self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = 0
+        self.first = self.first_exact = 0
 
     def add(self, xyz):
         sizes = np.abs(xyz, order="F")  # passes along columns are ten times as fast
@@ -26,8 +27,11 @@ class NoReturns:
         zeros = np.flatnonzero(largest < ZERO)
         if not self.n_zeros and len(zeros):
             self.first = self.n_points + int(zeros[0])
+        exact = zeros[largest[zeros] == 0]
+        if not self.n_exact and len(exact):
+            self.first_exact = self.n_points + int(exact[0])
         self.n_beside += int(np.count_nonzero((sizes == 0).sum(axis=1) == 2))
-        self.n_exact += int(np.count_nonzero(largest == 0))
+        self.n_exact += len(exact)
         self.n_points += len(xyz)
         self.n_large += int(np.count_nonzero(largest >= LARGE))
         self.n_zeros += len(zeros)
@@ -47,7 +51,8 @@ class NoReturns:
             return None
         where = "" if n_left_out else f" amid coordinates of {LARGE:,.0f} and more"
         done = "they are left out" if n_left_out else "remove them"
+        first = self.first_exact if n_left_out else self.first
         return (
             f"{path}: {counted(n, 'point', 'are', of=self.n_points)} 0, 0, 0{where}, the first is "
-            f"point {self.first + 1}: no returns, as it seems; {done}"
+            f"point {first + 1}: no returns, as it seems; {done}"
         )

@@ -224,7 +224,7 @@ class SurfacePlanes:
         return lenders
 
     def _robust(self, points, around):
-        """Robust planes of neighborhoods whose extents are known."""
+        """Robust planes of neighborhoods whose radii are known."""
         precision = np.finfo(points.dtype).eps
         points = np.ascontiguousarray(points, dtype=np.float64)
         return self.model.evaluate_neighborhoods(points, around, precision, measured=False)[0]
@@ -343,15 +343,14 @@ class FittedSurfaces(NamedTuple):
 
 
 def lend(planes, rows, members, lenders):
-    """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
+    """Replace rows of planes, in place, by those of lenders.
 
-    A borrowed normal is no better known than the own one was.
+    Kept shares and radii stay the rows' own. A borrowed normal is no better known than the own was.
     """
     borrowers, lent = planes.take(rows), members.take(lenders)
     error = np.maximum(borrowers.normal_error, lent.normal_error)
-    extents = {name: getattr(borrowers, name) for name in ("kept", "radius")}
-    lent = lent._replace(**extents)
-    planes.put(rows, lent._replace(normal_error=error))
+    lent = lent._replace(kept=borrowers.kept, radius=borrowers.radius, normal_error=error)
+    planes.put(rows, lent)
 
 
 def _moved(planes, places):

@@ -92,9 +92,10 @@ class IndexedCloud:
         searched and kept for the next time. With 0, only what was kept before is taken from there,
         and `rows` must be a slice.
         """
+        search = self.search_own if n_kept else None  # before others wait: it may make a tree
         with _lock:  # threads that begin together begin one table
             if n_kept and (self.table is None or self.table.k < k):
-                self.table = NeighborTable(self.search_own, len(self.points), max(k, n_kept))
+                self.table = NeighborTable(search, len(self.points), max(k, n_kept))
             table = self.table
         if table is None or table.k < k:
             return self.search_own(rows, k)

@@ -47,7 +47,7 @@ class RuleFit(NamedTuple):
 class RobustPlanes(NamedTuple):
     """Planes at m queries whose outliers are left out, and how far the queries are from them."""
 
-    planes: Planes  # without extents and errors of normals
+    planes: Planes  # without radii and errors of normals
     directions: np.ndarray  # (m, d), the axes of the largest eigenvalues
     distances: np.ndarray  # (m,), robust
 
@@ -179,7 +179,7 @@ class LocalPlaneModel:
         """The same of given neighborhoods, rows of the index's points.
 
         `precision` is the relative rounding error of the queries, where that is greater. The
-        planes are `measured` unless the extents of their neighborhoods are known.
+        planes are `measured` unless the radii of their neighborhoods are known.
         """
         rounding = max(self.rounding, _rounding(precision))
         offers = None if self.offers is None else self.offers.planes

@@ -115,7 +115,7 @@ class NearestPoints:
         """The k nearest points to each query (m, d), float64.
 
         Returns distances (m, k), ascending, inf where there are no more points; and rows of
-        `points` (m, k), int32 if they fit, their number where there are no more.
+        `points`, int32 (m, k), their number where there are no more.
         """
         distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), np.int32)
 

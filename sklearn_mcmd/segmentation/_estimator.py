@@ -349,9 +349,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
         check_work(self, len(X))
-        vars(self).pop("normal_estimator_", None)  # of a fit with other parameters
         if self.normals == "precomputed":
-            return split_columns(X)
+            columns = split_columns(X)
+            vars(self).pop("normal_estimator_", None)  # of a fit with other parameters
+            return columns
         estimator = self.normal_estimator
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)

@@ -45,6 +45,9 @@ def test_npz_arrays_beside_xyz_that_are_called_like_coordinates_are_renamed(tmp_
     cloud = read_points(tmp_path / "a.npz")
     assert list(cloud.attributes) == ["x_value"]
     assert list(cloud.metadata["npz_arrays"]) == ["Z"]
+    np.savez(tmp_path / "a.npz", xyz=np.ones((5, 3)), x=np.arange(5), x_value=np.arange(5))
+    with pytest.raises(PointFileError, match="holds 'x', which is read as 'x_value', and that"):
+        read_points(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("arrays", [{"x": 0, "y": 1, "z": 2}, {"cloud": [0, 1, 2]}])

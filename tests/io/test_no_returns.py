@@ -83,7 +83,7 @@ def test_only_zeros_that_are_left_out_are_counted(tmp_path):
     """Points nearer to the origin than a micrometer are none of them."""
     points = np.vstack([OWN_FRAME, np.full((3, 3), 1e-7)])
     np.save(tmp_path / "a.npy", np.vstack([points, np.zeros((20, 3))]))
-    with pytest.warns(UserWarning, match="a.npy: 20 of .* they are left out$"):
+    with pytest.warns(UserWarning, match=f"20 of .* point {len(points) + 1}: .* left out$"):
         assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
 
 

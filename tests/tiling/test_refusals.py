@@ -28,7 +28,6 @@ from tiled import (
 pytestmark = pytest.mark.usefixtures("measured")
 
 N = 2_000
-NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
 ESTIMATORS = [
     (IsolationForest(), "IsolationForest cannot work by tiles"),
     (but(OUTLIERS, n_neighbors=None), "n_neighbors=None"),
@@ -47,10 +46,6 @@ ESTIMATORS = [
     (SharpFeatureDetector(), "random_state"),
     (but(EDGES, threshold="mean"), "threshold='mean' is for eigenvalues"),
     (but(EDGES, outlier_detector=IsolationForest()), "IsolationForest"),
-    (
-        but(EDGES, criterion="removed_fraction", **NORMALS_OF_TEN),
-        "needs the column removed_fraction",
-    ),
 ]
 CLASSES = [["6"], "6", [6.5], [600], [-1], [True], 7, [None]]
 NO_SIZES = ["much", "", "-2GB", "2XB", "0GB"]

@@ -84,7 +84,7 @@ def test_seams_of_a_street_are_small(estimator, by_tiles, tmp_path):
         (OUTLIERS, {"false_positive_rate": 0.02}),
         (OUTLIERS, {"cutoff": 5.0}),
         (EDGES, {"outlier_detector": MCMDOutlierDetector(16, contamination=0.1)}),
-        (EDGES, {"criterion": "removed_fraction"}),
+        (EDGES, {"criterion": "surface_variation"}),
         (EDGES, {**WHOLE_STEPS, "normal_estimator": RobustNormalEstimator(12, reweight=False)}),
         (EDGES, {"normal_estimator": RobustNormalEstimator("auto", orientation="mst")}),
     ],
