@@ -259,7 +259,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
         for name in ("outlier_detector_", "normal_estimator_", "_creases"):
-            vars(self).pop(name, None)  # of a fit with other parameters
+            self.__dict__.pop(name, None)  # of a fit with other parameters
         detector, normal_estimator = steps_of(self, self._n_dimensions)
         creases = self.criterion == "crease"
         index = self._index(xyz) if creases else None

@@ -351,7 +351,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         check_work(self, len(X))
         if self.normals == "precomputed":
             columns = split_columns(X)
-            vars(self).pop("normal_estimator_", None)  # of a fit with other parameters
+            self.__dict__.pop("normal_estimator_", None)  # of a fit with other parameters
             return columns
         estimator = self.normal_estimator
         if estimator is None:
