@@ -93,7 +93,9 @@ def read_npz(path):
     of_points = [name for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)]
     for name in of_points:
         if (other := attribute_name(name)) != name and other in of_points:
-            raise PointFileError(f"arrays {name!r} and {other!r} would both be {other!r}: rename one")
+            raise PointFileError(
+                f"arrays {name!r} and {other!r} would both be {other!r}: rename one"
+            )
     attributes = {attribute_name(name): arrays.pop(name) for name in of_points}
     return with_cells(PointCloud(xyz, attributes, {"npz_arrays": arrays} if arrays else {}), shape)
 
