@@ -91,7 +91,15 @@ def find_creases(index, planes, min_angle, on_surface, n_jobs=None):
     # A median of shares of the radius, so that it depends on no unit.
     usual = np.median(planes.scale / np.maximum(planes.radius, np.finfo(float).tiny))
     cosine = np.cos(np.radians(min_angle))
-    meeting = MeetingPlanes(index, planes, spacing, on_surface, usual, cosine, n_jobs)
+    meeting = MeetingPlanes(
+        index=index,
+        planes=planes,
+        spacing=spacing,
+        on_surface=on_surface,
+        usual=usual,
+        cosine=cosine,
+        n_jobs=n_jobs,
+    )
     with progress_part(BEFORE, 1.0):
         distances, faces, evidence = meeting.distances(index.points, index.query_own)
     return Creases(meeting, faces, evidence), distances

@@ -328,7 +328,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         if self.normals == "precomputed":
             return split_columns(X, d)
         check_extent(X)
-        return Columns(X, *[np.empty(0)] * 5)  # nothing else is known
+        unknown = dict.fromkeys(Columns._fields[1:], np.empty(0))
+        return Columns(coordinates=X, **unknown)
 
     def _check_parameters(self, xyz):
         n, d = xyz.shape

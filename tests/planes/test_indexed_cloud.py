@@ -3,7 +3,10 @@
 import copy
 import gc
 import pickle
+import threading
+import time
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.planes import _indexed_cloud
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
@@ -112,6 +116,22 @@ def test_a_cloud_and_its_table_are_freed_at_once(n):
         assert [ref() for ref in freed] == [None, None]
     finally:
         gc.enable()
+
+
+def test_threads_that_ask_together_make_one_tree(monkeypatch):
+    made = []
+
+    def make(*args, **kwargs):
+        made.append(threading.get_ident())
+        time.sleep(0.05)
+        return cKDTree(*args, **kwargs)
+
+    monkeypatch.setattr(_indexed_cloud, "cKDTree", make)
+    cloud = IndexedCloud(STREET[:100, :2])  # which no compiled search answers
+    with ThreadPoolExecutor(4) as pool:
+        near = list(pool.map(lambda _: cloud.neighbors(slice(None), 5, 0), range(4)))
+    assert len(made) == 1
+    assert all((one == near[0]).all() for one in near)
 
 
 @pytest.mark.parametrize("digits", [1, 3])

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from sklearn_mcmd.runtime import _kernels
+from sklearn_mcmd.runtime import _compiling, _kernels
 
 SOURCE = """
 from sklearn_mcmd.runtime._kernels import kernel
@@ -119,3 +119,12 @@ def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_e
         assert done.stderr.count("Compiled code cannot be kept, so each run compiles anew") == (
             compilations - 1
         )
+
+
+def test_an_error_that_is_no_full_folder_is_raised_without_a_warning(monkeypatch):
+    def fail(module, name):
+        raise RuntimeError("out of luck")
+
+    monkeypatch.setattr(_compiling, "_load", fail)
+    with pytest.raises(RuntimeError, match="out of luck"):
+        _compiling.compiled_function("planes._explaining_numba", "join")
