@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.planes._base import BasePlaneOutliers, model_of
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_steps
 from sklearn_mcmd.planes._rules import comparator_of
 
 
@@ -157,9 +157,9 @@ class PlaneOutlierDetector(BasePlaneOutliers):
                 "the share of outliers, such as contamination=0.1."
             )
         xyz, index = self._index_cloud(X)
-        precision, step = np.finfo(xyz.dtype).eps, coordinate_step(xyz)
+        precision, steps = np.finfo(xyz.dtype).eps, coordinate_steps(xyz)
         shape = xyz.shape
-        self._model = model_of(self, index, shape, precision, step, comparator=comparator)
+        self._model = model_of(self, index, shape, precision, steps, comparator=comparator)
         self.scores_ = -self._score(xyz)
         if self.contamination == "auto":
             self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, xyz.shape[1])

@@ -17,7 +17,7 @@ from sklearn_mcmd.cli._messages import progress
 from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.io._rehearsal import rehearse
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_steps
 
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
@@ -276,7 +276,7 @@ def _check_width(detector, xyz):
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
     thick = np.sqrt(retained.sum_of_squares / retained.n_observations)
     # A file that rounds to millimeters, for example, turns a line into a narrow lattice.
-    step = coordinate_step(xyz[:: len(xyz) // MAX_LOOKED_AT + 1])
+    step = coordinate_steps(xyz[:: len(xyz) // MAX_LOOKED_AT + 1]).lattice
     pvalue = normal_pvalue(retained, rounding=np.sqrt(xyz.shape[1]) / 2 * step)
     if pvalue > detector.alpha:
         raise ValueError(

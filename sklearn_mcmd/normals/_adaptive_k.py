@@ -22,6 +22,7 @@ from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import are_rows, normal_errors
 from sklearn_mcmd.planes._quadrics import QuadricLimits, noise_quantiles, whole_planes
+from sklearn_mcmd.planes._resolution import coordinate_steps, with_depths
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -44,11 +45,11 @@ class SizeLimits(NamedTuple):
 class ScaleFinder:
     """Finds the size of the neighborhood of each point of a cloud.
 
-    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D.
+    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D, of coordinates with `Steps`.
     """
 
-    def __init__(self, index, n_jobs):
-        self.index, self.n_jobs, self.limits = index, n_jobs, SizeLimits()
+    def __init__(self, index, steps, n_jobs):
+        self.index, self.n_jobs, self.limits, self.steps = index, n_jobs, SizeLimits(), steps
         self.n, self._done = len(index.points), 0.0
 
     def sizes(self):
@@ -127,7 +128,8 @@ class ScaleFinder:
             planes, _, fit = whole_planes(self.index.points, around)
             determined = np.isfinite(fit.left)  # the members determine a quadric
             noise = np.where(determined, fit.left, 0.0)
-            tilts = normal_errors(noise, planes.eigenvalues, around.sizes)
+            planes.normal_error[:] = normal_errors(noise, planes.eigenvalues, around.sizes)
+            tilts = with_depths(planes, self.index.points[part], self.steps).normal_error
             errors[part], normals[part] = np.where(determined, tilts, 90.0), planes.normals
 
         self._each(rows, k, task)
@@ -161,7 +163,7 @@ class ScaleFinder:
 def sized_index(xyz, radius, n_jobs):
     """The `NeighborIndex` whose neighborhoods have the sizes that their noise requires."""
     index = NeighborIndex(xyz, SizeLimits().around)  # which the next one shares
-    sizes = ScaleFinder(index, n_jobs).sizes()
+    sizes = ScaleFinder(index, coordinate_steps(xyz), n_jobs).sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
 
 

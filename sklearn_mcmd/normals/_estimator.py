@@ -28,6 +28,7 @@ from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import surface_variation
+from sklearn_mcmd.planes._resolution import with_depths
 from sklearn_mcmd.runtime._progress import progress_part
 
 FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
@@ -360,6 +361,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                     planes, _ = self._model.evaluate_fitted(xyz, n_jobs=self.n_jobs)
                 self.plane_index_ = np.arange(len(xyz))
 
+        planes = with_depths(planes, xyz, self._model.settings.steps)
         if xyz.shape[1] == 3 and may_be_rows(self):
             planes = doubted(planes, xyz, self._model.index, self.n_jobs)
             warn_of_rows(self._model.index)
@@ -412,6 +414,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 planes = self._surfaces.evaluate(xyz, self.n_jobs)
             else:
                 planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
+        planes = with_depths(planes, xyz, self._model.settings.steps)
         if xyz.shape[1] == 3 and may_be_rows(self):
             planes = doubted(planes, xyz, self._model.index, self.n_jobs)
         normals = point_up(planes.normals)

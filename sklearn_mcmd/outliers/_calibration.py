@@ -16,6 +16,7 @@ from sklearn_mcmd.outliers._model import judge
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._whole import Steps
 from sklearn_mcmd.runtime._chunks import slices
 
 SEED = 20_150  # of the simulated planes
@@ -139,7 +140,7 @@ def _roughness(model, rows):
 def _model_over(model, X):
     """The model of another cloud, with the same settings and the first of its trials."""
     k = model.index.n_neighbors
-    settings = model.settings._replace(precision=np.finfo(float).eps, step=0.0)
+    settings = model.settings._replace(precision=np.finfo(float).eps, steps=Steps())
     # A minimal subset that is drawn again has the same plane.
     subsets = np.sort(model.trials[:, : X.shape[1]], axis=1)
     first = np.sort(np.unique(subsets, axis=0, return_index=True)[1])

@@ -21,7 +21,7 @@ from sklearn_mcmd._validation import (
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._resolution import coarse_warning, coordinate_step
+from sklearn_mcmd.planes._resolution import coarse_warning, coordinate_steps
 from sklearn_mcmd.planes._rules import METHODS, comparator_of
 
 MAX_TRIALS = 10_000  # in 2D and 3D
@@ -62,7 +62,7 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
         n_support = n_support_points(self.support_fraction, self.n_neighbors_, d)
         self.n_support_ = int(n_support) if index.sizes is None else n_support
         self._model = model_of(
-            self, index, X.shape, np.finfo(X.dtype).eps, coordinate_step(X), cutoff
+            self, index, X.shape, np.finfo(X.dtype).eps, coordinate_steps(X), cutoff
         )
         return X
 
@@ -172,14 +172,14 @@ def mends_planes(estimator):
     return robust and estimator.reweight and not alone
 
 
-def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=None):
+def model_of(estimator, index, shape, precision, steps, cutoff=None, comparator=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
 
-    `precision` and `step` are as of `PlaneSettings`. The estimator gets `n_trials_`.
+    `precision` and `steps` are as of `PlaneSettings`. The estimator gets `n_trials_`.
     """
     n, d = shape
     k, comparator = index.n_neighbors or n, comparator or estimator._comparator()
-    settings = PlaneSettings(estimator.method, precision, step)
+    settings = PlaneSettings(estimator.method, precision, steps)
     if comparator is not None:
         estimator.n_trials_, _ = comparator.table_shape(k, d)
         seed = comparator.seed(estimator.random_state)

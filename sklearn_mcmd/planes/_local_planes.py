@@ -23,6 +23,7 @@ from sklearn_mcmd.planes._quadrics import whole_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._resolution import RoundingLimits, least_scales
 from sklearn_mcmd.planes._rules import METHODS, RuleArguments, robust_distances
+from sklearn_mcmd.planes._whole import Steps
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
@@ -71,7 +72,7 @@ class PlaneSettings(NamedTuple):
 
     method: str  # key of `METHODS`; without meaning where there is a comparator
     precision: float  # relative rounding error of the coordinates, eps of their dtype
-    step: float = 0.0  # to which the coordinates were rounded before
+    steps: Steps = Steps()  # to which the coordinates were rounded before
     support_fraction: float = 0.5
     cutoff: float | None = None
     reweight: bool = False
@@ -90,7 +91,7 @@ class LocalPlaneModel:
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
         self.rounding = _rounding(settings.precision)
-        self.least_scale = RoundingLimits().least_steps * settings.step
+        self.least_scale = RoundingLimits().least_steps * settings.steps.lattice
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d <= 3 and n >= COMPILE_FROM
@@ -228,7 +229,7 @@ class LocalPlaneModel:
 
     def least_scales(self, points):
         """As `least_scales` of points, by the rounding of the fitted ones."""
-        return least_scales(points, self.settings.precision, self.settings.step)
+        return least_scales(points, self.settings.precision, self.settings.steps)
 
     def chunk(self):
         """Queries a task."""

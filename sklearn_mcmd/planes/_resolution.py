@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._whole import whole_cloud
+from sklearn_mcmd.planes._whole import Steps, whole_cloud
 
 
 class RoundingLimits(NamedTuple):
@@ -14,6 +14,8 @@ class RoundingLimits(NamedTuple):
     # The least scale of a plane, in steps to which coordinates were rounded: at the usual cutoffs
     # a distance of one step is then no outlier.
     least_steps: float = 0.5
+    # The same of a depth: three times that distance is one step. Rounding itself is .29 of it.
+    least_depths: float = 1 / 3
     errors: float = 8.0  # the same in rounding errors of the coordinates' type
     tolerance: float = 0.02  # part of a step by which a gap may differ from whole steps
     # Gaps of more steps are not used: the error of the step, times 100, is no longer small.
@@ -49,14 +51,27 @@ class CoarseCoordinatesWarning(UserWarning):
         return f"{self.fact}. {remedy}"
 
 
-def least_scales(points, precision, step):
+def least_scales(points, precision, steps):
     """Least standard deviation of a plane at each of the points (n, d): what rounding amounts to.
 
-    `precision` is the relative rounding error of the coordinates, eps of their dtype, and `step`
-    the one to which they were rounded before.
+    `precision` is the relative rounding error of the coordinates, eps of their dtype.
     """
     largest, limits = reduce(np.maximum, np.abs(points).T), RoundingLimits()
-    return np.maximum(limits.errors * float(precision) * largest, limits.least_steps * step)
+    least = np.maximum(limits.least_steps * steps.lattice, limits.least_depths * steps.at(points))
+    return np.maximum(limits.errors * float(precision) * largest, least)
+
+
+def with_depths(planes, points, steps):
+    """Planes of the points (n, d), with the errors of normals that levels of depth may tilt: on one
+    level, or two, a surface shows no tilt, and more points would not show it either."""
+    if not steps.growth:
+        return planes
+    least, across = planes.eigenvalues[:, 0], planes.eigenvalues[:, 1]
+    facing, step = np.square(planes.normals[:, steps.axis]), steps.at(points)
+    deviations = np.sqrt(facing * least + (1 - facing) * across) / step
+    off = step * rounding_in_common(deviations[:, None], np.sqrt(facing)[:, None], np.ones(1))
+    tilts = np.degrees(np.arctan2(off, np.sqrt(across)))
+    return planes._replace(normal_error=np.hypot(planes.normal_error, tilts))
 
 
 def rounding_in_common(deviations, direction, steps):
@@ -118,19 +133,49 @@ def _used_gaps(values, counts):
     return gaps[gaps > rounding], rounding
 
 
-def coordinate_step(X):
-    """Step of the lattice that the coordinates X (n, d) lie on, 0 where there is none.
+def coordinate_steps(X):
+    """The `Steps` of coordinates X (n, d).
 
     Files hold coordinates rounded to, for example, a centimeter. If that is coarser than the
     noise, most of a flat neighborhood lies on exactly one level. The robust scale is then zero,
     and all points on other levels would be outliers.
 
-    It is the smallest step among the axes; zero unless every axis is on a lattice. A raster of
-    heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points that
-    were not rounded do no harm. A part of a cloud has the step of the whole.
+    The step of the lattice is the smallest among the axes; zero unless every axis is on a lattice.
+    A raster of heights is no rounded cloud. A rounded cloud that was rotated is not found. A few
+    points that were not rounded do no harm. A part of a cloud has the steps of the whole.
     """
     whole = whole_cloud()
-    return step_of_levels(levels_of(X)) if whole is None else whole.step
+    return steps_of_levels(list(levels_of(X))) if whole is None else whole.steps
+
+
+def steps_of_levels(levels):
+    """The same from what `levels_of` gives, as a list."""
+    growths = [_growth(values, counts) for values, counts in levels]
+    axis = int(np.argmax(growths))
+    return Steps(step_of_levels(levels), growths[axis], axis)
+
+
+def _growth(values, counts):
+    """The step at a depth of 1 of levels at depths whose steps grow with its square; 0 of others.
+
+    A camera finds depth z from a disparity in whole steps, to which 1 / z is in proportion. So it
+    sees from 0, and the gap between two levels is ``growth * z ** 2``. Nothing else is rounded so:
+    of the powers 0 to 3 of the depth, 2 has to fit the gaps best, and most gaps within half of it.
+    """
+    typical, limits = _typical(counts), RoundingLimits()
+    used = counts >= limits.rare * typical
+    few = typical <= limits.fewest_gaps or np.count_nonzero(used) <= limits.fewest_gaps
+    if few or counts[used].sum() < (1 - limits.shorter) * counts.sum():
+        return 0.0
+    used = values[used].astype(float)
+    depths = np.abs(used[1:] + used[:-1]) / 2
+    if not depths.all():
+        return 0.0
+    levels = np.log(np.diff(used)) - np.arange(4)[:, None] * np.log(depths)
+    spread = np.abs(levels - np.median(levels, axis=1, keepdims=True))
+    near = np.mean(spread[2] <= np.log(2)) >= limits.on_lattice
+    is_square = near and np.argmin(spread.mean(axis=1)) == 2
+    return float(np.exp(np.median(levels[2]))) if is_square else 0.0
 
 
 def levels_of(X):
@@ -139,7 +184,7 @@ def levels_of(X):
 
 
 def step_of_levels(levels):
-    """The same from what `levels_of` gives."""
+    """Step of the lattice of coordinates, from what `levels_of` gives; 0 if there is none."""
     steps, flat, limits = [], [], RoundingLimits()
     for values, counts in levels:
         gaps, rounding = _used_gaps(values, counts)

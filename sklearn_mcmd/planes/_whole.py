@@ -7,12 +7,26 @@ from typing import NamedTuple
 import numpy as np
 
 
+class Steps(NamedTuple):
+    """To what coordinates were rounded before they had their dtype."""
+
+    lattice: float = 0.0  # the step of all axes, 0 where there is none
+    # Depths of a camera that measures disparity lie on levels, whose steps are this at a depth of
+    # 1, and grow with the square of the depth; 0 where there are none.
+    growth: float = 0.0
+    axis: int = 0  # of the depth
+
+    def at(self, points):
+        """Steps of the depth (n,) at points (n, d)."""
+        return self.growth * np.square(points[:, self.axis])
+
+
 class Whole(NamedTuple):
     """What is found once of a whole cloud, and holds for each part of it."""
 
     n_points: int
     dtype: str = "float64"  # of the coordinates: float32 if it rounded them
-    step: float = 0.0  # to which they were rounded, 0 where there is none
+    steps: Steps = Steps()  # to which they were rounded before
     seen: bool = False  # whether the sensor is known to have been at the origin
     telling: float = 0.0  # how far intensity tells, as of `Darkness`
     # int (n,), how many hops of neighbors each point of the part is from those whose results are

@@ -8,7 +8,8 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd._errors import counted, fixed
 from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.planes._indexed_cloud import LEAF, distinct_rows, location_hashes
-from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._resolution import coordinate_steps
+from sklearn_mcmd.planes._whole import Steps
 from sklearn_mcmd.report._contents import note_if, percent
 
 SPACING_SAMPLE = 300_000  # points: of more, the median spacing is taken from about so many
@@ -34,7 +35,7 @@ class Facts(NamedTuple):
     spacing: float  # median distance of a point to the nearest other place
     radius: float  # of neighborhoods: the median,
     sparse_radius: float  # and what 5 % of the points exceed
-    step: float  # to which coordinates are rounded; 0 if none was found
+    steps: Steps  # to which coordinates are rounded
     noise: float  # median standard deviation about the planes; NaN if these are not known
 
     @classmethod
@@ -63,7 +64,7 @@ class Facts(NamedTuple):
             spacing=spacing,
             radius=radius,
             sparse_radius=sparse,
-            step=float(coordinate_step(xyz)),
+            steps=coordinate_steps(xyz),
             noise=noise,
         )
 
@@ -85,8 +86,11 @@ class Facts(NamedTuple):
             rows.append((f"neighborhoods of {self.n_neighbors}", sizes))
         if np.isfinite(self.noise):
             rows.append(("noise about planes", f"{self.noise:.2g} (median standard deviation)"))
-        if self.step:
-            rows.append(("coordinates", f"rounded to steps of {self.step:.2g}"))
+        lattice, growth, _ = self.steps
+        if lattice:
+            rows.append(("coordinates", f"rounded to steps of {lattice:.2g}"))
+        if growth:
+            rows.append(("depths", f"in steps of {growth:.2g} times their square, as of a camera"))
         n_copies = self.n_points - self.n_distinct
         rows.append(("duplicates", f"{n_copies:,} ({100 * n_copies / self.n_points:.2f} %)"))
         return rows
@@ -133,9 +137,9 @@ def cloud_notes(facts, n_far):
         "Look for a strip that was merged twice, or thin the cloud to distinct points first.",
     )
     notes += note_if(
-        facts.step and facts.noise <= STEP * facts.step,
+        facts.steps.lattice and facts.noise <= STEP * facts.steps.lattice,
         "Rounded coordinates.",
-        f"Coordinates are multiples of {facts.step:.3g}, which is coarser than the noise. "
+        f"Coordinates are multiples of {facts.steps.lattice:.3g}, which is coarser than the noise. "
         "Distances from surfaces are known in steps and no longer in noise; what is off by less "
         "than a step and a half is not seen.",
         "Export the scan with more decimals, if it has them.",

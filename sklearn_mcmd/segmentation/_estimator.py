@@ -15,7 +15,7 @@ from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
+from sklearn_mcmd.planes._resolution import coordinate_steps, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._assign_points import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
@@ -282,8 +282,9 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
-        step = coordinate_step(xyz)
-        floor = least_scales(points, np.finfo(xyz.dtype).eps, step)
+        steps = coordinate_steps(xyz)
+        # The planes know the steps of a depth: as a floor these would join a book to its table.
+        floor = least_scales(points, np.finfo(xyz.dtype).eps, steps._replace(growth=0.0))
         planes = columns.planes(rows)
         planes.scale[:] = np.maximum(planes.scale, floor)
         rules = self._rules()
@@ -299,7 +300,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         labels = renumbered(labels, copies, self.min_region_size)
         with progress_part(0.55, 1.0):
             labels = self._refined(labels, index, planes, floor, copies)
-        return Segments(index, labels, planes, copies, step)
+        return Segments(index, labels, planes, copies, steps.lattice)
 
     def _refined(self, labels, index, planes, floor, copies):
         """The regions from those that have grown; the largest is 0, -1 is none.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line, replacing
-from sklearn_mcmd.planes._resolution import is_single, step_of_levels
+from sklearn_mcmd.planes._resolution import is_single, steps_of_levels
 from sklearn_mcmd.tiling._folder import HEADERS, append, appended
 
 BOXES = "cells.npz"
@@ -226,11 +226,11 @@ class Rounding:
             axis.add(*np.unique(values, return_counts=True))
 
     def found(self):
-        """The dtype of all points that were taken, and their step."""
+        """The dtype of all points that were taken, and their `Steps`."""
         levels = [axis.merged() for axis in self.axes]
         dtype = np.dtype(np.float32 if self.single and is_single(levels) else np.float64)
-        step = step_of_levels((values.astype(dtype), counts) for values, counts in levels)
-        return {"dtype": dtype.name, "step": float(step)}
+        levels = [(values.astype(dtype), counts) for values, counts in levels]
+        return {"dtype": dtype.name, "steps": steps_of_levels(levels)}
 
 
 class Levels:

@@ -232,7 +232,7 @@ def joined_table(run, starts, numbers):
     moments, medians = pooled(own, medians, group)
     planes = RegionPlanes.of(moments)
     distinct = np.bincount(group, parts["distinct"], n)
-    step = run.constants["step"]
+    step = run.constants["steps"][0]
     table, noise = flat_table(planes, distinct, step)
     flat = are_flat(planes, *medians.T)
     n_parts = np.bincount(group, minlength=n)

@@ -16,6 +16,7 @@ from sklearn_mcmd.normals._adaptive_k import (
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import normal_errors
+from sklearn_mcmd.planes._whole import Steps
 
 TILT, LEAST, MOST, QUIET, AROUND = SizeLimits()
 
@@ -29,7 +30,7 @@ def sheet(n, noise, seed=0):
 
 def sizes_of(X, n_jobs=None):
     """In the order of X."""
-    finder = ScaleFinder(NeighborIndex(X, AROUND), n_jobs)
+    finder = ScaleFinder(NeighborIndex(X, AROUND), Steps(), n_jobs)
     return finder.sizes()[finder.index.places]
 
 

@@ -44,7 +44,7 @@ def test_a_sheet_without_noise_beyond_rounding_asks_nobody(is_rounded):
     if is_rounded:  # to whole numbers, with a height that is one or two off here and there
         X = np.unique(np.round(X + 0.35 * rng.normal(size=X.shape)), axis=0)
     model = RobustNormalEstimator(random_state=0).fit(X)._model
-    assert (model.settings.step > 0) == is_rounded
+    assert (model.settings.steps.lattice > 0) == is_rounded
     assert model.offers.asks.mean() < 0.05
 
     X[::10, 2] += rng.uniform(5, 20, len(X[::10]))  # the opposite: where outliers are, all do

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from depth_frames import turned_wall
+from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report import _facts
 from sklearn_mcmd.report._facts import Facts, cloud_notes, usual_rows
 
@@ -17,12 +19,19 @@ def test_spacing_copies_and_step_of_a_raster_are_those_it_was_made_with():
     xyz[:, 2] = xyz[:, 0]  # of one level no step is known
     facts = Facts.of(xyz, 9, np.array([0.1, np.nan, 0.3, 0.2]))
     assert (facts.n_points, facts.n_distinct) == (1700, 1600)
-    assert (facts.spacing, facts.step, facts.noise) == (0.5, 0.5, 0.2)
+    assert (facts.spacing, facts.steps.lattice, facts.noise) == (0.5, 0.5, 0.2)
     assert facts.radius == pytest.approx(0.5 * np.sqrt(3))  # eight neighbors, where z = x
     assert usual_rows(xyz).all()
     assert np.isnan(Facts.of(xyz, 9).noise)
     assert Facts.of(np.zeros((1, 3)), 50).n_distinct == 1
     assert Facts.of(np.array([[0.0, 0, 0], [3, 4, 0]]), 50).spacing == 5
+
+
+def test_the_depths_of_a_camera_have_a_row():
+    frame = PointCloud(turned_wall(60, 3)[0])
+    rows = dict(Facts.of(frame.xyz).rows(frame))
+    assert rows["depths"] == "in steps of 0.0029 times their square, as of a camera"
+    assert "coordinates" not in rows
 
 
 def test_only_points_farther_away_than_the_cloud_is_wide_are_far():

@@ -88,7 +88,7 @@ def pickled(_):
     ("name", "damage", "said"),
     [
         ("manifest.json", lambda told: told[:-9], ""),
-        ("manifest.json", lambda told: told.replace(b'"step": 0.', b'"step": 1.'), ""),
+        ("manifest.json", lambda told: told.replace(b'"steps": [0.', b'"steps": [1.'), ""),
         ("cells/cells.npz", lambda _: b"PK", r"cells.npz: cannot be read.*begins anew"),
         ("*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
         ("*/0.results.npy", pickled, "results.npy: cannot be read.*begins anew"),
