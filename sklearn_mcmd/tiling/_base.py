@@ -14,11 +14,11 @@ from sklearn.base import clone
 from sklearn_mcmd.normals._adaptive_k import SizeLimits
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._whole import Steps, Whole
+from sklearn_mcmd.planes._whole import Whole
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._beside import SensorPath
 from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._cells import Cells, rounding_told
 from sklearn_mcmd.tiling._folder import CellResults
 from sklearn_mcmd.tiling._halo import HOPS, HOPS_OF_SIZES
 from sklearn_mcmd.tiling._memory import WARM_UP, Plan
@@ -48,7 +48,7 @@ class TiledRun(NamedTuple):
         job = Job(
             points=self.cells.folder,
             found=self.results.folder,
-            whole=Whole(self.cells.n_points, known["dtype"], Steps(*known["steps"]), **told or {}),
+            whole=Whole(self.cells.n_points, **rounding_told(known), **told or {}),
             n_neighbors=known["n_neighbors"],
             n_threads=self.plan.n_threads,
             **IDLE | fields,

@@ -12,6 +12,7 @@ import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.planes._resolution import is_single, steps_of_levels
+from sklearn_mcmd.planes._whole import Steps
 from sklearn_mcmd.tiling._folder import HEADERS, append, appended
 
 BOXES = "cells.npz"
@@ -231,6 +232,11 @@ class Rounding:
         dtype = np.dtype(np.float32 if self.single and is_single(levels) else np.float64)
         levels = [(values.astype(dtype), counts) for values, counts in levels]
         return {"dtype": dtype.name, "steps": steps_of_levels(levels)}
+
+
+def rounding_told(constants):
+    """What `Rounding.found` gave, from a file, as the `Whole` has it."""
+    return {"dtype": constants["dtype"], "steps": Steps(*constants["steps"])}
 
 
 class Levels:

@@ -43,7 +43,7 @@ from sklearn_mcmd.planes._whole import part_of
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._base import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import Levels
+from sklearn_mcmd.tiling._cells import Levels, rounding_told
 from sklearn_mcmd.tiling._halo import HOPS, HaloLimits, part_within
 
 RINGS = 2.0 * HOPS  # usual radii within which rings of neighbors nearly always end
@@ -104,7 +104,7 @@ class TiledChange(TiledVerb):
             with progress_part(LOOKED, LOOKED):
                 self.bodies = moved_bodies(*thinned, alpha=self.estimator.alpha, **known)
             covariance, center = self.bodies.registration, thinned[0].mean(axis=0)
-        pair = Pair(counts, self.scale, covariance, center, *run.constants["also"])
+        pair = Pair(counts, self.scale, covariance, center, rounding_told(*run.constants["also"]))
         with progress_part(LOOKED, 1.0):
             run.do(self.task, partial(compare_cell, pair=pair), estimator=self.estimator)
         self.alike = alike_of(np.concatenate(list(run.found("alike"))))

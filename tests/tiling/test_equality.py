@@ -8,6 +8,7 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from benchmarks.simulators import make_airborne_scan
+from depth_frames import turned_wall
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import read_points
@@ -22,6 +23,7 @@ SCENES = {
     "copies": lambda: np.tile(np.round(make_street(1_300, random_state=0).data, 2), (3, 1)),
     "volume": lambda: np.random.default_rng(0).uniform(0, 5, (4_000, 3)),
     "lattice": lambda: np.random.default_rng(0).integers(0, 14, (4_000, 3)) * 0.25,
+    "depths of a camera": lambda: turned_wall(60, 3)[0][::6],
     "plane of equal steps": lambda: np.indices((64, 64, 1)).reshape(3, -1).T * 0.1,
 }
 PARAMS = [
