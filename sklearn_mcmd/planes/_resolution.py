@@ -21,6 +21,8 @@ class RoundingLimits(NamedTuple):
     # Gaps of more steps are not used: the error of the step, times 100, is no longer small.
     longest: int = 100
     fewest_gaps: int = 3  # with fewer an axis has no step of its own
+    fewest_levels: int = 9  # with fewer no steps are seen to grow,
+    grows: float = 1.1  # by less none do
     shorter: float = 0.02  # largest share of gaps shorter than the step, of points not rounded
     on_lattice: float = 0.95  # least share of gaps that are whole steps
     rare: float = 0.1  # a value that occurs less often, of what is typical, was not rounded
@@ -150,32 +152,35 @@ def coordinate_steps(X):
 
 def steps_of_levels(levels):
     """The same from what `levels_of` gives, as a list."""
-    growths = [_growth(values, counts) for values, counts in levels]
-    axis = int(np.argmax(growths))
-    return Steps(step_of_levels(levels), growths[axis], axis)
+    depths = [(*_growth(values, counts), axis) for axis, (values, counts) in enumerate(levels)]
+    return Steps(step_of_levels(levels), *max(depths))
 
 
 def _growth(values, counts):
-    """The step at a depth of 1 of levels at depths whose steps grow with its square; 0 of others.
+    """The step 1 from where a camera sees from, and this place, of levels at depths whose steps
+    grow with the square of the distance from it; 0 of others.
 
-    A camera finds depth z from a disparity in whole steps, to which 1 / z is in proportion. So it
-    sees from 0, and the gap between two levels is ``growth * z ** 2``. Nothing else is rounded so:
-    of the powers 0 to 3 of the depth, 2 has to fit the gaps best, and most gaps within half of it.
+    A camera finds depth z from a disparity in whole steps, to which 1 / z is in proportion, so the
+    root of a step is. Nothing else is rounded so: of a lattice the medians of the nearest and the
+    farthest third of the steps are one, and of what was not rounded steps are not alike.
     """
     typical, limits = _typical(counts), RoundingLimits()
     used = counts >= limits.rare * typical
-    few = typical <= limits.fewest_gaps or np.count_nonzero(used) <= limits.fewest_gaps
+    few = typical <= limits.fewest_gaps or np.count_nonzero(used) <= limits.fewest_levels
     if few or counts[used].sum() < (1 - limits.shorter) * counts.sum():
-        return 0.0
+        return 0.0, 0.0
     used = values[used].astype(float)
-    depths = np.abs(used[1:] + used[:-1]) / 2
-    if not depths.all():
-        return 0.0
-    levels = np.log(np.diff(used)) - np.arange(4)[:, None] * np.log(depths)
-    spread = np.abs(levels - np.median(levels, axis=1, keepdims=True))
-    near = np.mean(spread[2] <= np.log(2)) >= limits.on_lattice
-    is_square = near and np.argmin(spread.mean(axis=1)) == 2
-    return float(np.exp(np.median(levels[2]))) if is_square else 0.0
+    places, gaps = (used[1:] + used[:-1]) / 2 - used[0], np.diff(used)
+    first, last = np.median(gaps[: len(gaps) // 3]), np.median(gaps[-(len(gaps) // 3) :])
+    near = np.ones(len(gaps), bool)
+    for _ in range(2):  # at levels without a point a gap is two steps
+        slope, start = np.polyfit(places[near], np.sqrt(gaps[near]), 1)
+        fitted = np.square(np.maximum(slope * places + start, 0.0))
+        near = (gaps < 2 * fitted) & (fitted < 2 * gaps)
+        if near.mean() < limits.on_lattice:
+            return 0.0, 0.0
+    grows = max(first, last) >= limits.grows * min(first, last)
+    return (float(slope**2), float(used[0] - start / slope)) if grows else (0.0, 0.0)
 
 
 def levels_of(X):

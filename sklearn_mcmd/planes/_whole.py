@@ -11,14 +11,15 @@ class Steps(NamedTuple):
     """To what coordinates were rounded before they had their dtype."""
 
     lattice: float = 0.0  # the step of all axes, 0 where there is none
-    # Depths of a camera that measures disparity lie on levels, whose steps are this at a depth of
-    # 1, and grow with the square of the depth; 0 where there are none.
+    # Depths of a camera that measures disparity lie on levels, whose steps grow with the square of
+    # the distance from where it sees: the step at a distance of 1, 0 where there are none,
     growth: float = 0.0
-    axis: int = 0  # of the depth
+    origin: float = 0.0  # that place on the axis of the depth,
+    axis: int = 0  # and this axis
 
     def at(self, points):
         """Steps of the depth (n,) at points (n, d)."""
-        return self.growth * np.square(points[:, self.axis])
+        return self.growth * np.square(points[:, self.axis] - self.origin)
 
 
 class Whole(NamedTuple):

@@ -86,11 +86,11 @@ class Facts(NamedTuple):
             rows.append((f"neighborhoods of {self.n_neighbors}", sizes))
         if np.isfinite(self.noise):
             rows.append(("noise about planes", f"{self.noise:.2g} (median standard deviation)"))
-        lattice, growth, _ = self.steps
-        if lattice:
-            rows.append(("coordinates", f"rounded to steps of {lattice:.2g}"))
-        if growth:
-            rows.append(("depths", f"in steps of {growth:.2g} times their square, as of a camera"))
+        if self.steps.lattice:
+            rows.append(("coordinates", f"rounded to steps of {self.steps.lattice:.2g}"))
+        if self.steps.growth:
+            least, most = np.sort(self.steps.at(np.stack([self.low, self.high])))
+            rows.append(("depths", f"in steps of {least:.2g} to {most:.2g}, as of a camera"))
         n_copies = self.n_points - self.n_distinct
         rows.append(("duplicates", f"{n_copies:,} ({100 * n_copies / self.n_points:.2f} %)"))
         return rows
