@@ -44,9 +44,9 @@ def test_levels_of_a_depth_camera_are_no_regions_and_no_edges(shared_data):
     with np.load(shared_data / "pcl_office1" / "cloud.npz") as arrays:
         X = arrays["xyz"].astype(float)
     sizes = RegionGrowing(random_state=0).fit(X).region_sizes_
-    assert np.searchsorted(np.cumsum(sizes), 0.8 * len(X)) < 45  # 34
+    assert np.searchsorted(np.cumsum(sizes), 0.8 * len(X)) < 45  # 36
     edges = SharpFeatureDetector(random_state=0).fit(X).labels_ == -1
-    assert 0.0005 < edges.mean() < 0.004  # .14 %
+    assert 0.001 < edges.mean() < 0.004  # .23 %
 
 
 @pytest.mark.slow

@@ -129,7 +129,7 @@ class ScaleFinder:
             determined = np.isfinite(fit.left)  # the members determine a quadric
             noise = np.where(determined, fit.left, 0.0)
             planes.normal_error[:] = normal_errors(noise, planes.eigenvalues, around.sizes)
-            tilts = with_depths(planes, self.index.points[part], self.steps).normal_error
+            tilts = with_depths(planes, self.steps).normal_error
             errors[part], normals[part] = np.where(determined, tilts, 90.0), planes.normals
 
         self._each(rows, k, task)

@@ -14,15 +14,18 @@ class RoundingLimits(NamedTuple):
     # The least scale of a plane, in steps to which coordinates were rounded: at the usual cutoffs
     # a distance of one step is then no outlier.
     least_steps: float = 0.5
-    # The same of a depth: three times that distance is one step. Rounding itself is .29 of it.
+    # The same in steps of a depth, of which three are one step. Rounding itself is .29 of it.
     least_depths: float = 1 / 3
     errors: float = 8.0  # the same in rounding errors of the coordinates' type
     tolerance: float = 0.02  # part of a step by which a gap may differ from whole steps
     # Gaps of more steps are not used: the error of the step, times 100, is no longer small.
     longest: int = 100
     fewest_gaps: int = 3  # with fewer an axis has no step of its own
-    fewest_levels: int = 9  # with fewer no steps are seen to grow,
-    grows: float = 1.1  # by less none do
+    # Depths of a camera lie on levels. More points than this share one, and so many there are.
+    shared: int = 3
+    fewest_levels: int = 10
+    grows: float = 1.1  # The farthest third of the steps is so many times the nearest, at least.
+    alike: float = 0.05  # Mean steps are those of the fit within this share.
     shorter: float = 0.02  # largest share of gaps shorter than the step, of points not rounded
     on_lattice: float = 0.95  # least share of gaps that are whole steps
     rare: float = 0.1  # a value that occurs less often, of what is typical, was not rounded
@@ -63,17 +66,19 @@ def least_scales(points, precision, steps):
     return np.maximum(limits.errors * float(precision) * largest, least)
 
 
-def with_depths(planes, points, steps):
-    """Planes of the points (n, d), with the errors of normals that levels of depth may tilt: on one
-    level, or two, a surface shows no tilt, and more points would not show it either."""
+def with_depths(planes, steps):
+    """Planes with the errors of normals that levels of depth may tilt: on one level, or two, a
+    surface shows no tilt, and more points would not show it either."""
     if not steps.growth:
         return planes
     least, across = planes.eigenvalues[:, 0], planes.eigenvalues[:, 1]
-    facing, step = np.square(planes.normals[:, steps.axis]), steps.at(points)
+    facing = np.square(planes.normals[:, steps.axis])
+    step = np.maximum(steps.at(planes.centroids), np.finfo(float).tiny)
     deviations = np.sqrt(facing * least + (1 - facing) * across) / step
     off = step * rounding_in_common(deviations[:, None], np.sqrt(facing)[:, None], np.ones(1))
     tilts = np.degrees(np.arctan2(off, np.sqrt(across)))
-    return planes._replace(normal_error=np.hypot(planes.normal_error, tilts))
+    errors = np.hypot(planes.normal_error, tilts)
+    return planes._replace(normal_error=np.minimum(errors, 90.0))
 
 
 def rounding_in_common(deviations, direction, steps):
@@ -142,6 +147,8 @@ def coordinate_steps(X):
     noise, most of a flat neighborhood lies on exactly one level. The robust scale is then zero,
     and all points on other levels would be outliers.
 
+    Depths of a camera that measures disparity have steps that grow, see `_growth`.
+
     The step of the lattice is the smallest among the axes; zero unless every axis is on a lattice.
     A raster of heights is no rounded cloud. A rounded cloud that was rotated is not found. A few
     points that were not rounded do no harm. A part of a cloud has the steps of the whole.
@@ -161,26 +168,34 @@ def _growth(values, counts):
     grow with the square of the distance from it; 0 of others.
 
     A camera finds depth z from a disparity in whole steps, to which 1 / z is in proportion, so the
-    root of a step is. Nothing else is rounded so: of a lattice the medians of the nearest and the
-    farthest third of the steps are one, and of what was not rounded steps are not alike.
+    root of a step is. It is so in all but one of five parts: a file may round the nearest depths
+    more coarsely.
     """
-    typical, limits = _typical(counts), RoundingLimits()
-    used = counts >= limits.rare * typical
-    few = typical <= limits.fewest_gaps or np.count_nonzero(used) <= limits.fewest_levels
-    if few or counts[used].sum() < (1 - limits.shorter) * counts.sum():
+    limits, used = RoundingLimits(), counts > RoundingLimits().shared
+    levels = values[used].astype(float)
+    if len(levels) < limits.fewest_levels:
         return 0.0, 0.0
-    used = values[used].astype(float)
-    places, gaps = (used[1:] + used[:-1]) / 2 - used[0], np.diff(used)
-    first, last = np.median(gaps[: len(gaps) // 3]), np.median(gaps[-(len(gaps) // 3) :])
-    near = np.ones(len(gaps), bool)
-    for _ in range(2):  # at levels without a point a gap is two steps
-        slope, start = np.polyfit(places[near], np.sqrt(gaps[near]), 1)
-        fitted = np.square(np.maximum(slope * places + start, 0.0))
-        near = (gaps < 2 * fitted) & (fitted < 2 * gaps)
+    extent, third = levels[-1] - levels[0], (len(levels) - 1) // 3
+    places, gaps = (levels[1:] + levels[:-1]) / 2 - levels[0], np.diff(levels)
+    places, roots = places / extent, np.sqrt(gaps / extent)
+    first, last = np.median(roots[:third]), np.median(roots[-third:])
+    grows = max(first, last) ** 2 >= limits.grows * min(first, last) ** 2
+    if not grows or counts[used].sum() < (1 - limits.shorter) * counts.sum():
+        return 0.0, 0.0
+    slope = (last - first) / (np.median(places[-third:]) - np.median(places[:third]))
+    start = np.median(roots - slope * places)
+    for _ in range(3):
+        fitted = np.maximum(slope * places + start, 0.0)
+        # At levels without a point a step is two or more.
+        near = (roots**2 < 2 * fitted**2) & (fitted**2 < 2 * roots**2)
         if near.mean() < limits.on_lattice:
             return 0.0, 0.0
-    grows = max(first, last) >= limits.grows * min(first, last)
-    return (float(slope**2), float(used[0] - start / slope)) if grows else (0.0, 0.0)
+        slope, start = np.polyfit(places[near], roots[near], 1)
+    parts = np.array_split(np.square([roots, slope * places + start])[:, near], 5, axis=1)
+    off = np.sort([abs(told / fit - 1) for told, fit in (part.mean(axis=1) for part in parts)])
+    if off[-2] > limits.alike:
+        return 0.0, 0.0
+    return float(slope**2 / extent), float(levels[0] - start / slope * extent)
 
 
 def levels_of(X):

@@ -36,6 +36,7 @@ class Facts(NamedTuple):
     radius: float  # of neighborhoods: the median,
     sparse_radius: float  # and what 5 % of the points exceed
     steps: Steps  # to which coordinates are rounded
+    depths: np.ndarray  # (2,), what 5 and 95 % of the steps of a depth are at most
     noise: float  # median standard deviation about the planes; NaN if these are not known
 
     @classmethod
@@ -55,6 +56,7 @@ class Facts(NamedTuple):
         if scales is not None:
             finite = scales[np.isfinite(scales)]
             noise = float(np.median(finite)) if finite.size else np.nan
+        steps = coordinate_steps(xyz)
         return cls(
             n_points=len(xyz),
             n_distinct=len(distinct),
@@ -64,7 +66,8 @@ class Facts(NamedTuple):
             spacing=spacing,
             radius=radius,
             sparse_radius=sparse,
-            steps=coordinate_steps(xyz),
+            steps=steps,
+            depths=np.quantile(steps.at(xyz), [1 - LARGE, LARGE]),
             noise=noise,
         )
 
@@ -89,7 +92,7 @@ class Facts(NamedTuple):
         if self.steps.lattice:
             rows.append(("coordinates", f"rounded to steps of {self.steps.lattice:.2g}"))
         if self.steps.growth:
-            least, most = np.sort(self.steps.at(np.stack([self.low, self.high])))
+            least, most = self.depths
             rows.append(("depths", f"in steps of {least:.2g} to {most:.2g}, as of a camera"))
         n_copies = self.n_points - self.n_distinct
         rows.append(("duplicates", f"{n_copies:,} ({100 * n_copies / self.n_points:.2f} %)"))

@@ -230,7 +230,7 @@ class Rounding:
         """The dtype of all points that were taken, and their `Steps`."""
         levels = [axis.merged() for axis in self.axes]
         dtype = np.dtype(np.float32 if self.single and is_single(levels) else np.float64)
-        levels = [(values.astype(dtype), counts) for values, counts in levels]
+        levels = [(values.astype(dtype, copy=False), counts) for values, counts in levels]
         return {"dtype": dtype.name, "steps": steps_of_levels(levels)}
 
 

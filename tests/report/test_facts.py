@@ -30,7 +30,7 @@ def test_spacing_copies_and_step_of_a_raster_are_those_it_was_made_with():
 def test_the_depths_of_a_camera_have_a_row():
     frame = PointCloud(turned_wall(60, 3)[0])
     rows = dict(Facts.of(frame.xyz).rows(frame))
-    assert rows["depths"] == "in steps of 0.016 to 0.049, as of a camera"
+    assert rows["depths"] == "in steps of 0.017 to 0.045, as of a camera"
     assert "coordinates" not in rows
 
 
