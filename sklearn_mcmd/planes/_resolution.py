@@ -21,11 +21,10 @@ class RoundingLimits(NamedTuple):
     # Gaps of more steps are not used: the error of the step, times 100, is no longer small.
     longest: int = 100
     fewest_gaps: int = 3  # with fewer an axis has no step of its own
-    # Depths of a camera lie on levels. More points than this share one, and so many there are.
-    shared: int = 3
-    fewest_levels: int = 10
-    grows: float = 1.1  # The farthest third of the steps is so many times the nearest, at least.
-    alike: float = 0.05  # Mean steps are those of the fit within this share.
+    shared: int = 3  # depths of a camera lie on levels, each of more points than this
+    fewest_levels: int = 10  # with fewer no steps are seen to grow
+    grows: float = 1.1  # the farthest third of the steps is so many times the nearest, at least
+    alike: float = 0.05  # and mean steps are those of the fit within this share
     shorter: float = 0.02  # largest share of gaps shorter than the step, of points not rounded
     on_lattice: float = 0.95  # least share of gaps that are whole steps
     rare: float = 0.1  # a value that occurs less often, of what is typical, was not rounded
