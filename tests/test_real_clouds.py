@@ -5,12 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from scenes import REAL_CLOUDS
-from sklearn_mcmd import (
-    MCMDOutlierDetector,
-    RegionGrowing,
-    RobustNormalEstimator,
-    SharpFeatureDetector,
-)
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 
 # One of each kind: a city from the air, a part, a street, an indoor scan, a turn of a lidar.
@@ -38,15 +33,12 @@ def test_every_point_gets_a_finite_score_and_few_are_flagged(cloud):
     assert (scores < -3).mean() < 0.06  # .047 of an office, .02 and less of all others
 
 
-@pytest.mark.slow
-def test_levels_of_a_depth_camera_are_no_regions_and_no_edges(shared_data):
-    """The steps were: 141 regions held 80 % of the points, and 6.5 % of them were edges."""
+def test_levels_of_a_depth_camera_are_no_regions(shared_data):
+    """They were: 141 held 80 % of the points."""
     with np.load(shared_data / "pcl_office1" / "cloud.npz") as arrays:
         X = arrays["xyz"].astype(float)
     sizes = RegionGrowing(random_state=0).fit(X).region_sizes_
     assert np.searchsorted(np.cumsum(sizes), 0.8 * len(X)) < 45  # 36
-    edges = SharpFeatureDetector(random_state=0).fit(X).labels_ == -1
-    assert 0.001 < edges.mean() < 0.004  # .23 %
 
 
 @pytest.mark.slow

@@ -135,7 +135,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     tangents : bool, default=True
         Whether the normal is that of a quadric at the point where a surface bends. False leaves it
-        the plane of all members; edges are sought between such planes.
+        the plane of all members; edges are sought between such planes, to which levels of a
+        camera's depths are surfaces.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
@@ -452,6 +453,10 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         tags = super().__sklearn_tags__()
         tags.transformer_tags.preserves_dtype = ["float64", "float32"]
         return tags
+
+    @property
+    def _knows_depths(self):
+        return self.tangents  # edges are sought as if levels were surfaces
 
     def _fill(self, planes, X):
         """Fill what is public of the fitted points X (n, d)."""
