@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.planes._base import BasePlaneOutliers, model_of
-from sklearn_mcmd.planes._resolution import coordinate_steps
 from sklearn_mcmd.planes._rules import comparator_of
 
 
@@ -157,7 +156,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
                 "the share of outliers, such as contamination=0.1."
             )
         xyz, index = self._index_cloud(X)
-        precision, steps = np.finfo(xyz.dtype).eps, coordinate_steps(xyz)
+        precision, steps = np.finfo(xyz.dtype).eps, self._steps(xyz)
         shape = xyz.shape
         self._model = model_of(self, index, shape, precision, steps, comparator=comparator)
         self.scores_ = -self._score(xyz)

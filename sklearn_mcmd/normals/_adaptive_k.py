@@ -22,7 +22,7 @@ from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import are_rows, normal_errors
 from sklearn_mcmd.planes._quadrics import QuadricLimits, noise_quantiles, whole_planes
-from sklearn_mcmd.planes._resolution import coordinate_steps, with_depths
+from sklearn_mcmd.planes._resolution import with_depths
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -160,10 +160,10 @@ class ScaleFinder:
             each_slice(self.n, index.chunk, task, self.n_jobs)
 
 
-def sized_index(xyz, radius, n_jobs):
+def sized_index(xyz, steps, radius, n_jobs):
     """The `NeighborIndex` whose neighborhoods have the sizes that their noise requires."""
     index = NeighborIndex(xyz, SizeLimits().around)  # which the next one shares
-    sizes = ScaleFinder(index, coordinate_steps(xyz), n_jobs).sizes()
+    sizes = ScaleFinder(index, steps, n_jobs).sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
 
 

@@ -28,7 +28,7 @@ from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import surface_variation
-from sklearn_mcmd.planes._resolution import with_depths
+from sklearn_mcmd.planes._resolution import coordinate_steps, with_depths
 from sklearn_mcmd.runtime._progress import progress_part
 
 FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
@@ -454,9 +454,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         tags.transformer_tags.preserves_dtype = ["float64", "float32"]
         return tags
 
-    @property
-    def _knows_depths(self):
-        return self.tangents  # edges are sought as if levels were surfaces
+    def _steps(self, X):
+        # Edges are sought between planes of faces, as if levels of depths were surfaces.
+        return coordinate_steps(X) if self.tangents else super()._steps(X)
 
     def _fill(self, planes, X):
         """Fill what is public of the fitted points X (n, d)."""
@@ -479,7 +479,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f"{xyz.shape[1]} features; give a number of neighbors, such as 50."
             )
         with progress_part(0.0, FINDING, "sizes of neighborhoods"):
-            return sized_index(xyz, radius, self.n_jobs)
+            return sized_index(xyz, self._steps(xyz), radius, self.n_jobs)
 
     def _part_of_planes(self):
         """The part of the work that comes before the curvatures."""

@@ -51,11 +51,6 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
     _work: ClassVar = ("n_neighbors", 1)  # for `check_work`
     _small_faces: ClassVar = False  # as of `PlaneSettings`
 
-    @property
-    def _knows_depths(self):
-        """Whether levels of a camera's depths are noise, and no surfaces."""
-        return False
-
     def _fit_planes(self, X, radius=None, cutoff=None):
         """Validate X, find the parameters that depend on it, and fit its local planes.
 
@@ -66,11 +61,13 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
         d = X.shape[1]
         n_support = n_support_points(self.support_fraction, self.n_neighbors_, d)
         self.n_support_ = int(n_support) if index.sizes is None else n_support
-        steps = coordinate_steps(X)
-        if not self._knows_depths:
-            steps = steps._replace(growth=0.0)
-        self._model = model_of(self, index, X.shape, np.finfo(X.dtype).eps, steps, cutoff)
+        precision = np.finfo(X.dtype).eps
+        self._model = model_of(self, index, X.shape, precision, self._steps(X), cutoff)
         return X
+
+    def _steps(self, X):
+        """The `Steps` that planes know of coordinates: levels of depths are surfaces to them."""
+        return coordinate_steps(X)._replace(growth=0.0)
 
     def _comparator(self):
         """The registered method that `method` and `method_params` name; None for a rule."""
